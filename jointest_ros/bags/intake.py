@@ -1,0 +1,138 @@
+"""From the bytes of messages to frames: one path for nodes and recordings, so that both give the same numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from jointest_ros.bags.cdr import (
+    FLOAT32_MULTIARRAY,
+    IMU,
+    MAGNETIC_FIELD,
+    decode_float32_multiarray,
+    decode_imu,
+    decode_magnetic_field,
+)
+from jointest_ros.bags.errors import CdrError, UnknownEncoding
+from jointest_ros.bags.typestore import as_little_endian
+from jointest_ros.core.assembler import FrameAssembler, Source
+from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.frame import Frame
+from jointest_ros.core.robot import Robot, Sensor
+from jointest_ros.core.timing import Timing
+
+HALL_TOPIC = "hall_voltages"
+
+Handler = Callable[[bytes, int], list[Frame]]  # CDR bytes, arrival or record time ns -> frames that became ready
+
+
+class Intake:
+    """Decodes the messages of a robot's sensors and assembles them.
+
+    Attributes:
+        topics: topic name as configured (relative) -> message type.
+        handlers: topic name -> what takes its messages. A handler never raises: what it refuses is counted.
+        assembler: with the counters of every sensor.
+
+    Raises:
+        ConfigurationError: sensors share a topic without different frame ids.
+    """
+
+    def __init__(self, robot: Robot, timing: Timing) -> None:
+        self.assembler = FrameAssembler(robot.sensors, timing, len(robot.hall))
+        self.topics: dict[str, str] = {}
+        self.handlers: dict[str, Handler] = {}
+        self._refused: dict[str, Counter[str]] = {}
+        self._sources: dict[str, list[Source]] = {}
+        imus: dict[str, list[Sensor]] = {}
+        for sensor in robot.sensors:
+            if sensor.gyro or sensor.accel:
+                imus.setdefault(sensor.topic, []).append(sensor)
+        for topic, sensors in imus.items():
+            self._add(topic, IMU, self._imu_handler(topic, _by_frame_id(topic, sensors)))
+            self._sources[topic] = [self.assembler.sources[sensor.name] for sensor in sensors]
+        for sensor in robot.sensors:
+            if sensor.mag:
+                self._add(sensor.mag_topic, MAGNETIC_FIELD, self._mag_handler(sensor))
+                self._sources[sensor.mag_topic] = [self.assembler.mag_sources[sensor.name]]
+        if robot.hall:
+            self._add(HALL_TOPIC, FLOAT32_MULTIARRAY, self._hall_handler())
+            self._sources[HALL_TOPIC] = [self.assembler.hall_source]
+
+    def counts(self, topic: str) -> dict[str, Any]:
+        """`messages`, `used` and `refused` by cause of one topic; after `flush`, messages = used + refused."""
+        refused = Counter(self._refused[topic])
+        messages, used = refused.total(), 0
+        for source in self._sources[topic]:
+            refused.update(source.refused)
+            messages += source.received
+            used += source.used
+        return {"messages": messages, "used": used, "refused": dict(refused)}
+
+    def flush(self) -> list[Frame]:
+        """The end of the stream: the frames that still waited."""
+        return self.assembler.flush()
+
+    # ---------------------------------------------------------------- handlers
+
+    def _add(self, topic: str, msgtype: str, handler: Handler) -> None:
+        if topic in self.topics:
+            raise ConfigurationError(
+                f"sensors: the topic '{topic}' is given to two kinds of sensor; topics must differ"
+            )
+        self.topics[topic], self.handlers[topic] = msgtype, handler
+        self._refused[topic] = Counter()
+
+    def _imu_handler(self, topic: str, sensors: dict[str, str]) -> Handler:
+        add = self.assembler.add_imu
+        anyone = sensors.get("")
+
+        def handle(data: bytes, arrival: int) -> list[Frame]:
+            decoded = self._decode(topic, IMU, decode_imu, data)
+            if decoded is None:
+                return []
+            stamp, frame_id, gyro, accel = decoded
+            sensor = anyone or sensors.get(frame_id)
+            if sensor is None:
+                self._refused[topic]["unknown frame_id"] += 1
+                return []
+            return add(sensor, stamp, gyro, accel, arrival)
+
+        return handle
+
+    def _mag_handler(self, sensor: Sensor) -> Handler:
+        def handle(data: bytes, _arrival: int) -> list[Frame]:
+            decoded = self._decode(sensor.mag_topic, MAGNETIC_FIELD, decode_magnetic_field, data)
+            if decoded is not None:
+                stamp, _, field = decoded
+                self.assembler.add_mag(sensor.name, stamp, field)
+            return []
+
+        return handle
+
+    def _hall_handler(self) -> Handler:
+        def handle(data: bytes, arrival: int) -> list[Frame]:
+            decoded = self._decode(HALL_TOPIC, FLOAT32_MULTIARRAY, decode_float32_multiarray, data)
+            return [] if decoded is None else self.assembler.add_hall(decoded[0], arrival)
+
+        return handle
+
+    def _decode(self, topic: str, msgtype: str, decode: Callable[[bytes], Any], data: bytes) -> Any:
+        try:
+            try:
+                return decode(data)
+            except UnknownEncoding:
+                return decode(as_little_endian(data, msgtype))
+        except CdrError:
+            self._refused[topic]["undecodable"] += 1
+            return None
+
+
+def _by_frame_id(topic: str, sensors: list[Sensor]) -> dict[str, str]:
+    """frame id -> sensor name; the empty frame id stands for any."""
+    names = {sensor.frame_id: sensor.name for sensor in sensors}
+    if len(names) < len(sensors) or (len(sensors) > 1 and "" in names):
+        shared = ", ".join(sensor.name for sensor in sensors)
+        raise ConfigurationError(f"sensors: {shared} share the topic '{topic}'; give each a frame_id of its own")
+    return names

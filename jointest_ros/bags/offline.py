@@ -1,0 +1,211 @@
+"""Runs estimators over a recording, with the decoder, assembler and estimator objects that the nodes use."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+
+from jointest_ros.bags.cdr import JOINT_STATE, QUATERNION_STAMPED, decode_joint_state, decode_quaternion_stamped
+from jointest_ros.bags.errors import BagError, CdrError
+from jointest_ros.bags.intake import Intake
+from jointest_ros.bags.reader import BagReader
+from jointest_ros.core.estimator import Estimator
+from jointest_ros.core.frame import Estimate, Frame, Series
+from jointest_ros.evaluation.truth import Truth
+
+TRUTH_JOINTS = "ground_truth/joint_states"
+TRUTH_ORIENTATION = "ground_truth/imu_orientation"
+_CHUNK = 2048  # frames between progress reports
+
+Progress = Callable[[int, int], None]  # messages done, messages in all
+Sink = Callable[[str, list[Estimate]], None]  # estimator name, consecutive estimates
+
+
+@dataclass
+class Outcome:
+    """What a run over a recording gave.
+
+    Attributes:
+        inputs: topic -> messages, used, refused by cause.
+        frames: number of frames.
+        truth: ground truth of the recording, empty where it has none.
+        ns_per_frame: estimator -> cost of one update, ns.
+        warnings: what a user should know, one line each.
+        damage: why the recording could not be read to its end; empty when it could.
+    """
+
+    inputs: dict[str, dict[str, Any]] = field(default_factory=dict)
+    frames: int = 0
+    truth: Truth = field(default_factory=Truth)
+    ns_per_frame: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    damage: str = ""
+
+
+class SeriesSink:
+    """Collects estimates as arrays: 8 bytes a number, not an object an estimate."""
+
+    def __init__(self, estimators: dict[str, Estimator]) -> None:
+        self._joints = {name: len(estimator.joints) for name, estimator in estimators.items()}
+        self._parts: dict[str, list[Series]] = {name: [] for name in estimators}
+
+    def __call__(self, name: str, estimates: list[Estimate]) -> None:
+        self._parts[name].append(Series.from_estimates(estimates, self._joints[name]))
+
+    def series(self, name: str) -> Series:
+        """All estimates of one estimator."""
+        return Series.concatenate(self._parts[name] or [Series.from_estimates([], self._joints[name])])
+
+
+def check_topics(reader: BagReader, intake: Intake, namespace: str = "") -> tuple[dict[str, str], list[str]]:
+    """(absolute topic -> configured topic, warnings about absent topics).
+
+    Raises:
+        BagError: a topic has another type than the configuration needs, or none of them is in the bag.
+    """
+    found: dict[str, str] = {}
+    warnings: list[str] = []
+    for name, msgtype in intake.topics.items():
+        if reader.resolve(name, namespace) is None:
+            warnings.append(
+                f"{reader.path}: topic '{name}' of the configuration is not in the bag; its joints go without"
+            )
+        else:
+            found[reader.require(name, msgtype, namespace)] = name
+    if not found:
+        wanted = ", ".join(intake.topics)
+        raise BagError(
+            f"{reader.path}: no matching topic; the configuration wants {wanted}; it has: {', '.join(reader.topics)}"
+        )
+    return found, warnings
+
+
+def run(
+    reader: BagReader,
+    intake: Intake,
+    estimators: dict[str, Estimator],
+    sink: Sink,
+    *,
+    namespace: str = "",
+    progress: Progress = lambda done, total: None,
+) -> Outcome:
+    """Estimate a whole recording frame by frame, in the memory of one chunk.
+
+    Args:
+        reader: open.
+        sink: takes the estimates of each estimator, chunk after chunk.
+        namespace: put before the relative topic names.
+
+    Raises:
+        BagError: see `check_topics`. A recording that is damaged further on gives what it can and says so in `damage`.
+    """
+    found, warnings = check_topics(reader, intake, namespace)
+    outcome = Outcome(warnings=warnings)
+    truth = _TruthReader(reader, namespace)
+    spent = dict.fromkeys(estimators, 0)
+    total = sum(reader.counts[topic] for topic in (*found, *truth.handlers))
+    handlers = {topic: intake.handlers[name] for topic, name in found.items()}
+
+    def estimate(frames: list[Frame]) -> None:
+        outcome.frames += len(frames)
+        for name, estimator in estimators.items():
+            start = perf_counter_ns()
+            estimates = [estimator.update(frame) for frame in frames]
+            spent[name] += perf_counter_ns() - start
+            sink(name, estimates)
+
+    frames: list[Frame] = []
+    done = 0
+    try:
+        for topic, time, data in reader.messages((*handlers, *truth.handlers)):
+            done += 1
+            if topic in handlers:
+                frames += handlers[topic](data, time)
+                if len(frames) >= _CHUNK:
+                    estimate(frames)
+                    frames = []
+                    progress(done, total)
+            else:
+                truth.handlers[topic](data)
+    except BagError as error:
+        outcome.damage = str(error)
+    frames += intake.flush()
+    if frames:
+        estimate(frames)
+    progress(done, total)
+    outcome.inputs = {topic: intake.counts(name) for topic, name in found.items()}
+    outcome.truth = truth.truth()
+    outcome.ns_per_frame = {name: ns / outcome.frames if outcome.frames else math.nan for name, ns in spent.items()}
+    if truth.refused:
+        outcome.warnings.append(
+            f"{reader.path}: {truth.refused} ground truth messages refused (undecodable, or an older stamp)"
+        )
+    return outcome
+
+
+class _TruthReader:
+    """Collects the ground truth topics of a recording."""
+
+    def __init__(self, reader: BagReader, namespace: str) -> None:
+        self.refused = 0
+        self.handlers: dict[str, Callable[[bytes], None]] = {}
+        self._names: tuple[str, ...] = ()
+        self._joints: dict[str, tuple[array[float], array[float]]] = {}
+        self._stamps = array("q")
+        self._orientation: dict[str, tuple[array[int], array[float]]] = {}
+        for name, msgtype, handler in (
+            (TRUTH_JOINTS, JOINT_STATE, self._joint_state),
+            (TRUTH_ORIENTATION, QUATERNION_STAMPED, self._orientation_of),
+        ):
+            if reader.resolve(name, namespace) is not None:
+                self.handlers[reader.require(name, msgtype, namespace)] = handler
+
+    def _joint_state(self, data: bytes) -> None:
+        try:
+            stamp, names, position, velocity = decode_joint_state(data)
+        except CdrError:
+            self.refused += 1
+            return
+        if self._stamps and stamp <= self._stamps[-1]:
+            self.refused += stamp < self._stamps[-1]
+            return
+        for name in names:
+            if name not in self._joints:
+                unknown = [math.nan] * len(self._stamps)
+                self._joints[name] = (array("d", unknown), array("d", unknown))
+        self._stamps.append(stamp)
+        positions, velocities = dict(zip(names, position, strict=False)), dict(zip(names, velocity, strict=False))
+        for name, (p, v) in self._joints.items():
+            p.append(positions.get(name, math.nan))
+            v.append(velocities.get(name, math.nan))
+
+    def _orientation_of(self, data: bytes) -> None:
+        try:
+            stamp, sensor, quaternion = decode_quaternion_stamped(data)
+        except CdrError:
+            self.refused += 1
+            return
+        stamps, rows = self._orientation.setdefault(sensor, (array("q"), array("d")))
+        if (stamps and stamp <= stamps[-1]) or not 0.9 < math.hypot(*quaternion) < 1.1:
+            self.refused += 1
+            return
+        stamps.append(stamp)
+        rows.extend(quaternion)
+
+    def truth(self) -> Truth:
+        """All of it as arrays."""
+        return Truth(
+            np.frombuffer(self._stamps, dtype=np.int64) if self._stamps else np.empty(0, dtype=np.int64),
+            {name: np.frombuffer(p) for name, (p, _) in self._joints.items()},
+            {name: np.frombuffer(v) for name, (_, v) in self._joints.items()},
+            {
+                sensor: (np.frombuffer(stamps, dtype=np.int64), np.frombuffer(rows).reshape(-1, 4))
+                for sensor, (stamps, rows) in self._orientation.items()
+            },
+        )

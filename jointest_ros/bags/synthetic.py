@@ -1,0 +1,81 @@
+"""Simulated recordings as the messages that the hardware would send, for bags and for the simulated hardware node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, IMU, JOINT_STATE, MAGNETIC_FIELD
+from jointest_ros.bags.cdr_encode import ImuEncoder, JointStateEncoder, encode_float32_multiarray, encode_magnetic_field
+from jointest_ros.bags.intake import HALL_TOPIC
+from jointest_ros.bags.offline import TRUTH_JOINTS
+from jointest_ros.core.frame import FloatArray, Vec3
+from jointest_ros.core.robot import Robot, Sensor
+from jointest_ros.sim.simulated import SimulatedRobot
+
+FIRST_STAMP = 1_000_000_000  # ns, added to the model's time: a zero stamp means "not set" to many a receiver
+
+Message = tuple[int, str, bytes]  # stamp ns (also its record time), topic as configured, CDR bytes
+
+
+def topics(robot: Robot) -> dict[str, str]:
+    """Topic -> message type of all that `messages` yields for this robot."""
+    table = {_imu_topic(sensor): IMU for sensor in robot.sensors if sensor.gyro or sensor.accel}
+    table |= {_mag_topic(sensor): MAGNETIC_FIELD for sensor in robot.sensors if sensor.mag}
+    if robot.hall:
+        table[HALL_TOPIC] = FLOAT32_MULTIARRAY
+    return {**table, TRUTH_JOINTS: JOINT_STATE}
+
+
+def messages(stretches: Iterable[SimulatedRobot]) -> Iterator[Message]:
+    """The messages of consecutive stretches of one simulation, in the order of their stamps."""
+    for simulated in stretches:
+        recording = simulated.recording
+        rate = 1.0 / float(recording.period[0]) if recording.period is not None else 1.0
+        columns = [_imu_column(sensor, simulated, rate) for sensor in simulated.robot.sensors]
+        columns += [_mag_column(sensor, recording.mag[sensor.name]) for sensor in simulated.robot.sensors if sensor.mag]
+        if recording.hall is not None:
+            columns.append(_hall_column(simulated.robot, recording.hall))
+        columns.append(_truth_column(simulated))
+        for k, stamp in enumerate((recording.stamps + FIRST_STAMP).tolist()):
+            for topic, encode in columns:
+                yield stamp, topic, encode(k, stamp)
+
+
+_Column = tuple[str, Callable[[int, int], bytes]]  # topic, (row, stamp) -> CDR bytes
+
+
+def _imu_column(sensor: Sensor, simulated: SimulatedRobot, rate_hz: float) -> _Column:
+    """The variances are those of one sample: density squared times the rate."""
+    encoder = ImuEncoder(
+        sensor.frame_id or sensor.name, sensor.gyro_noise**2 * rate_hz, sensor.accel_noise**2 * rate_hz
+    )
+    nothing = [(float("nan"),) * 3] * len(simulated.recording)
+    gyro = simulated.recording.gyro[sensor.name].tolist() if sensor.gyro else nothing
+    accel = simulated.recording.accel[sensor.name].tolist() if sensor.accel else nothing
+    return _imu_topic(sensor), lambda k, stamp: encoder.encode(stamp, gyro[k], accel[k])
+
+
+def _mag_column(sensor: Sensor, field: FloatArray) -> _Column:
+    rows: list[Vec3] = [(x, y, z) for x, y, z in field.tolist()]
+    return _mag_topic(sensor), lambda k, stamp: encode_magnetic_field(stamp, sensor.frame_id or sensor.name, rows[k])
+
+
+def _hall_column(robot: Robot, voltages: FloatArray) -> _Column:
+    joints = len(dict.fromkeys(hall.joint for hall in robot.hall))
+    dims = (("joint", joints), ("sensor", len(robot.hall) // joints))
+    rows = voltages.tolist()
+    return HALL_TOPIC, lambda k, _stamp: encode_float32_multiarray(rows[k], dims)
+
+
+def _truth_column(simulated: SimulatedRobot) -> _Column:
+    encoder = JointStateEncoder(simulated.joint_names)
+    position, velocity = simulated.truth_position.tolist(), simulated.truth_velocity.tolist()
+    return TRUTH_JOINTS, lambda k, stamp: encoder.encode(stamp, position[k], velocity[k])
+
+
+def _imu_topic(sensor: Sensor) -> str:
+    return sensor.topic or f"imu/{sensor.name}"
+
+
+def _mag_topic(sensor: Sensor) -> str:
+    return sensor.mag_topic or f"mag/{sensor.name}"

@@ -1,0 +1,73 @@
+"""What the sub-commands share: the console, progress on standard error, loading of configurations."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from jointest_ros.config import Configuration
+from jointest_ros.core.catalogue import ESTIMATORS
+from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.estimator import Estimator
+
+out = Console(soft_wrap=True, highlight=False)  # results
+err = Console(stderr=True, soft_wrap=True, highlight=False)  # progress, warnings, errors
+
+Parsers = argparse._SubParsersAction  # what `add_parser` functions get
+
+
+@contextmanager
+def progress(description: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error, gone when done; call with (done, total)."""
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(description, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def warn(text: str) -> None:
+    """One line of warning on standard error."""
+    err.print(f"warning: {text}", style="yellow", markup=False)
+
+
+def add_config(parser: argparse.ArgumentParser, required: bool = True) -> None:
+    """The options by which a robot and its estimators are chosen."""
+    parser.add_argument(
+        "--config", "-c", required=required, type=Path, metavar="YAML", help="the robot's configuration"
+    )
+    parser.add_argument(
+        "--estimator",
+        "-e",
+        action="append",
+        metavar="NAME",
+        help=f"which estimator, may be repeated: {', '.join(ESTIMATORS)} (default: all in the configuration)",
+    )
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="namespace of the sensors' topics in the recording"
+    )
+
+
+def load_estimators(configuration: Configuration, chosen: list[str] | None) -> dict[str, Estimator]:
+    """The estimators by name, made from the configuration.
+
+    Raises:
+        ConfigurationError: an unknown name, or the configuration has none and none is named.
+    """
+    names = list(dict.fromkeys(chosen or configuration.estimators))
+    if not names:
+        known = ", ".join(ESTIMATORS)
+        raise ConfigurationError(
+            f"{configuration.path}: no section under estimators; name one of {known} by --estimator"
+        )
+    for name in names:
+        if name not in ESTIMATORS:
+            raise ConfigurationError(f"--estimator: '{name}' is not allowed; give one of {', '.join(ESTIMATORS)}")
+    return {
+        name: ESTIMATORS[name](configuration.robot, configuration.estimators.get(name), configuration.timing)
+        for name in names
+    }

@@ -1,0 +1,42 @@
+"""`jointest convert`: a public recording becomes a rosbag2 with ground truth."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from jointest_ros.bags.convert import FORMATS
+from jointest_ros.cli.common import Parsers, out, progress
+
+
+def add_parser(commands: Parsers[Any]) -> None:
+    """Declare the command."""
+    parser = commands.add_parser(
+        "convert",
+        help="turn a public recording into a rosbag2 with ground truth",
+        description="Turn a public recording into a rosbag2 recording with imu/<sensor> topics and ground truth.",
+        epilog="formats:\n" + "\n".join(f"  {name:8} {entry.description}" for name, entry in FORMATS.items()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("format", choices=tuple(FORMATS), metavar="FORMAT", help=", ".join(FORMATS))
+    parser.add_argument("source", type=Path, metavar="SRC", help="the file as its authors published it")
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="BAG", help="directory of the new recording"
+    )
+    parser.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
+    parser.add_argument("--overwrite", action="store_true", help="replace a recording of that name")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Body of the command."""
+    convert = FORMATS[arguments.format].function
+    with progress(f"convert {arguments.source.name}") as report:
+        summary = convert(arguments.source, arguments.output, arguments.storage, report, arguments.overwrite)
+    out.print(f"{summary.bag}: {summary.duration_s:.1f} s", markup=False)
+    for topic, count in summary.messages.items():
+        out.print(f"  {topic}  {count} messages", markup=False)
+    for note in summary.notes:
+        out.print(f"  {note}", markup=False)
+    return 0

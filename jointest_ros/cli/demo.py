@@ -1,0 +1,66 @@
+"""`jointest demo`: simulated hardware, estimators and a comparison in one process, live."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from jointest_ros import config, resources
+from jointest_ros.cli.common import Parsers, add_config, load_estimators, out
+from jointest_ros.cli.tables import error_tables, input_table
+from jointest_ros.core.errors import ConfigurationError, JointestError
+
+BAG = "bags/finger"
+CONFIG = "config/finger.yaml"
+
+
+class NoRosError(JointestError):
+    """rclpy is not there."""
+
+
+def add_parser(commands: Parsers[Any]) -> None:
+    """Declare the command."""
+    parser = commands.add_parser(
+        "demo",
+        help="estimates beside the truth, live, on a shipped recording or your own",
+        description="Play a recording through the simulated hardware node into the estimator nodes, all in this "
+        "process, over ROS 2. Shows the estimates live, beside the ground truth where the recording has one, and ends "
+        "with the errors. Without arguments: a shipped recording of a simulated soft finger, 15 s.",
+    )
+    parser.add_argument("--bag", type=Path, metavar="BAG", help="your own recording (with --config)")
+    add_config(parser, required=False)
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="factor of real time (default: 1)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Body of the command."""
+    if (arguments.bag is None) != (arguments.config is None):
+        raise ConfigurationError("--bag and --config go together: the recording, and the configuration of its robot")
+    bag = arguments.bag or resources.find(BAG)
+    path = arguments.config or resources.find(CONFIG)
+    configuration = config.load(path)
+    names = list(load_estimators(configuration, arguments.estimator))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # nothing of this leaves the host
+    try:
+        from jointest_ros.nodes.demo import Demo
+    except ImportError as error:
+        raise NoRosError(
+            f"ROS 2 is not at hand ({error}): source your ROS 2 installation, or pip install 'jointest_ros[ros]'"
+        ) from None
+    with Demo(bag, path, configuration, names, arguments.speed, arguments.namespace) as demo:
+        demo.play(out)
+        out.print()
+        for table in (*error_tables(demo.errors()), input_table(demo.inputs())):
+            out.print(table)
+    out.print(
+        "\nThe same on a robot, each in a terminal of its own (the first one stands for your sensors):", style="bold"
+    )
+    out.print(f"  ros2 run jointest_ros sim_hardware_node --ros-args -p source:=bag -p bag:={bag}", markup=False)
+    for name in names:
+        space = f" -r __ns:=/{name} -p sensor_namespace:=/" if len(names) > 1 else ""
+        out.print(f"  ros2 run jointest_ros {name}_node --ros-args -p config:={path}{space}", markup=False)
+    out.print(f"  ros2 topic echo {'/' + names[0] if len(names) > 1 else ''}/joint_states", markup=False)
+    return 0

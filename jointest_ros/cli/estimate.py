@@ -1,0 +1,122 @@
+"""`jointest estimate`: joint angles of a recording without ground truth, to rosbag2 or CSV."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from jointest_ros import config
+from jointest_ros.bags import offline
+from jointest_ros.bags.cdr import JOINT_STATE
+from jointest_ros.bags.errors import BagError
+from jointest_ros.bags.intake import Intake
+from jointest_ros.bags.output import JointStateOutput
+from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.writer import BagWriter
+from jointest_ros.cli.common import Parsers, add_config, err, load_estimators, out, progress, warn
+from jointest_ros.core.estimator import Estimator
+from jointest_ros.core.frame import Estimate
+
+
+def add_parser(commands: Parsers[Any]) -> None:
+    """Declare the command."""
+    parser = commands.add_parser(
+        "estimate",
+        help="joint angles of a recording, to rosbag2 or CSV",
+        description="Estimate the joint angles of a recording. No ground truth is needed.",
+        epilog="CSV columns: stamp_ns, then for each joint position (rad), velocity (rad/s), standard deviation (rad) "
+        "and status (0: all is well; see the documentation of Status). With several estimators their names are put "
+        "before the joints. A recording gets /joint_states, with several estimators /<estimator>/joint_states.",
+    )
+    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a .mcap or .db3 file")
+    add_config(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="a file *.csv, or the directory of a new recording",
+    )
+    parser.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
+    parser.add_argument("--overwrite", action="store_true", help="replace what is there under that name")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Body of the command."""
+    configuration = config.load(arguments.config)
+    estimators = load_estimators(configuration, arguments.estimator)
+    intake = Intake(configuration.robot, configuration.timing)
+    with BagReader(arguments.bag) as reader, progress(f"estimate {arguments.bag}") as report:
+        offline.check_topics(reader, intake, arguments.namespace)
+        make_sink = _csv_sink if arguments.output.suffix == ".csv" else _bag_sink
+        with make_sink(arguments, estimators) as sink:
+            outcome = offline.run(reader, intake, estimators, sink, namespace=arguments.namespace, progress=report)
+    for text in outcome.warnings:
+        warn(text)
+    out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}", markup=False)
+    if outcome.damage:
+        err.print(
+            f"jointest estimate: error: {outcome.damage}; what came before is in {arguments.output}", markup=False
+        )
+        return 2
+    return 0
+
+
+@contextmanager
+def _csv_sink(arguments: argparse.Namespace, estimators: dict[str, Estimator]) -> Iterator[offline.Sink]:
+    """Rows of all estimators side by side: each gets the same frames."""
+    if arguments.output.exists() and not arguments.overwrite:
+        raise BagError(f"{arguments.output}: exists already; remove it, choose another name or give --overwrite")
+    header = ["stamp_ns"]
+    for name, estimator in estimators.items():
+        prefix = f"{name}/" if len(estimators) > 1 else ""
+        for joint in estimator.joints:
+            header += [f"{prefix}{joint}_{what}" for what in ("rad", "rad_s", "std_rad", "status")]
+    waiting: list[list[Estimate]] = []
+    try:
+        arguments.output.touch()
+    except OSError as error:
+        raise BagError(f"{arguments.output}: cannot be written: {error.strerror}") from None
+    with arguments.output.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+
+        def sink(_name: str, estimates: list[Estimate]) -> None:
+            waiting.append(estimates)
+            if len(waiting) == len(estimators):
+                writer.writerows(
+                    [row[0].stamp, *(v for e in row for v in _values(e))] for row in zip(*waiting, strict=True)
+                )
+                waiting.clear()
+
+        yield sink
+
+
+def _values(estimate: Estimate) -> Iterator[float]:
+    for q, v, variance, status in zip(
+        estimate.position, estimate.velocity, estimate.variance, estimate.status, strict=True
+    ):
+        yield from (q, v, variance**0.5, status)
+
+
+@contextmanager
+def _bag_sink(arguments: argparse.Namespace, estimators: dict[str, Estimator]) -> Iterator[offline.Sink]:
+    outputs = {name: JointStateOutput(estimator.joints) for name, estimator in estimators.items()}
+    topics = {name: f"/{name}/joint_states" if len(estimators) > 1 else "/joint_states" for name in estimators}
+    with BagWriter(arguments.output, arguments.storage, overwrite=arguments.overwrite) as writer:
+        for topic in topics.values():
+            writer.add_topic(topic, JOINT_STATE)
+
+        def sink(name: str, estimates: list[Estimate]) -> None:
+            for estimate in estimates:
+                message = outputs[name].encode(estimate)
+                if message is not None:
+                    writer.write(topics[name], estimate.stamp, message)
+
+        yield sink

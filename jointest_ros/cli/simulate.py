@@ -1,0 +1,94 @@
+"""`jointest simulate`: a synthetic recording with ground truth, and the configuration that belongs to it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from jointest_ros.bags import synthetic
+from jointest_ros.bags.cdr import JOINT_STATE
+from jointest_ros.bags.errors import BagError
+from jointest_ros.bags.writer import BagWriter
+from jointest_ros.cli.common import Parsers, out, progress
+from jointest_ros.config_text import robot_yaml
+from jointest_ros.core.params import allowed_text
+from jointest_ros.sim.scenarios import SCENARIOS, Rig
+from jointest_ros.sim.simulated import read_options
+
+
+def add_parser(commands: Parsers[Any]) -> None:
+    """Declare the command."""
+    parser = commands.add_parser(
+        "simulate",
+        help="write a synthetic rosbag2 recording with ground truth",
+        description="Write a synthetic rosbag2 recording with ground truth, and beside it, as BAG.yaml, the "
+        "configuration of its robot with the true mountings of the sensors.",
+    )
+    rigs = parser.add_subparsers(dest="rig", metavar="RIG", required=True)
+    for rig in SCENARIOS.values():
+        epilog = "scenarios:\n" + "\n".join(f"  {name:8} {text}" for name, text in rig.scenarios.items())
+        one = rigs.add_parser(
+            rig.name,
+            help=rig.description,
+            description=f"Simulate: {rig.description}.",
+            epilog=epilog,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        one.add_argument(
+            "-o", "--output", required=True, type=Path, metavar="BAG", help="directory of the new recording"
+        )
+        one.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
+        one.add_argument("--overwrite", action="store_true", help="replace a recording of that name")
+        for spec in dataclasses.fields(rig.options):
+            _add_option(one, spec)
+        one.set_defaults(run=run)
+
+
+def _add_option(parser: argparse.ArgumentParser, spec: dataclasses.Field[Any]) -> None:
+    """An option from the declaration of a parameter; its range is checked where it is declared."""
+    flag = f"--{spec.name.removesuffix('_hz').removesuffix('_s').removesuffix('_deg').replace('_', '-')}"
+    default: Any = spec.default
+    text = f"{spec.metadata['description']} ({allowed_text(spec)}; default: {default})"
+    if isinstance(default, bool):
+        text = f"{spec.metadata['description']} (default: {'on' if default else 'off'})"
+        parser.add_argument(flag, dest=spec.name, default=default, action=argparse.BooleanOptionalAction, help=text)
+    else:
+        parser.add_argument(flag, dest=spec.name, type=type(default), default=default, metavar="X", help=text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Body of the command."""
+    rig: Rig = SCENARIOS[arguments.rig]
+    names = [spec.name for spec in dataclasses.fields(rig.options)]
+    options = read_options(rig.options, {name: getattr(arguments, name) for name in names})
+    configuration = arguments.output.with_name(f"{arguments.output.name}.yaml")
+    if configuration.exists() and not arguments.overwrite:
+        raise BagError(f"{configuration}: exists already; remove it, choose another name or give --overwrite")
+    robot = next(rig.stretches(options)).robot
+    topics = synthetic.topics(robot)
+    total = round(options.duration_s * options.rate_hz) * len(topics)
+    with progress(f"{rig.name} {arguments.output}") as report:
+        with BagWriter(arguments.output, arguments.storage, overwrite=arguments.overwrite) as writer:
+            for topic, msgtype in topics.items():
+                writer.add_topic(f"/{topic}", msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
+            for done, (stamp, topic, data) in enumerate(synthetic.messages(rig.stretches(options))):
+                writer.write(f"/{topic}", stamp, data)
+                if done % 10000 == 0:
+                    report(done, total)
+        command = f"jointest simulate {rig.name} -o {arguments.output.name}"
+        chosen = "".join(_given(spec, getattr(options, spec.name)) for spec in dataclasses.fields(rig.options))
+        heading = f"The robot of the recording beside it, with its true mountings. Made by:\n{command}{chosen}"
+        configuration.write_text(robot_yaml(robot, rig.estimators, heading), encoding="utf-8")
+    out.print(f"{arguments.output}: {options.duration_s:g} s at {options.rate_hz:g} Hz, {total} messages", markup=False)
+    out.print(f"{configuration}: its robot", markup=False)
+    out.print(f"next: jointest evaluate {arguments.output} --config {configuration}", markup=False)
+    return 0
+
+
+def _given(spec: dataclasses.Field[Any], value: Any) -> str:
+    if value == spec.default:
+        return ""
+    flag = spec.name.removesuffix("_hz").removesuffix("_s").removesuffix("_deg").replace("_", "-")
+    return f" --{'' if value else 'no-'}{flag}" if isinstance(value, bool) else f" --{flag} {value}"

@@ -1,0 +1,48 @@
+"""Figures as tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from rich.table import Table
+
+_COLUMNS = (("rmse_deg", "rmse"), ("bias_deg", "bias"), ("std_deg", "std"), ("max_abs_deg", "max"))
+
+
+def error_tables(estimators: dict[str, dict[str, Any]]) -> Iterator[Table]:
+    """Joint errors of all estimators, then velocity and inclination errors where there are any."""
+    yield _table("joint angle errors, deg", estimators, lambda figures: figures["joints"])
+    for title, rows in (
+        ("joint velocity errors, deg/s", lambda figures: figures["velocities"]),
+        ("inclination errors, deg", lambda figures: {s: f["inclination"] for s, f in figures["orientation"].items()}),
+    ):
+        if any(rows(figures) for figures in estimators.values()):
+            yield _table(title, estimators, rows)
+
+
+def _table(title: str, estimators: dict[str, dict[str, Any]], rows: Any) -> Table:
+    table = Table(title=title, title_justify="left")
+    table.add_column("estimator")
+    table.add_column("of")
+    for _, heading in _COLUMNS:
+        table.add_column(heading, justify="right")
+    table.add_column("coverage", justify="right")
+    for name, figures in estimators.items():
+        for what, values in rows(figures).items():
+            numbers = ["-" if values[key] is None else f"{values[key]:.3f}" for key, _ in _COLUMNS]
+            table.add_row(name, what, *numbers, f"{100.0 * values['coverage']:.1f} %")
+    return table
+
+
+def input_table(inputs: dict[str, dict[str, Any]]) -> Table:
+    """Messages received, used and refused by topic."""
+    table = Table(title="input messages", title_justify="left")
+    table.add_column("topic")
+    for heading in ("received", "used"):
+        table.add_column(heading, justify="right")
+    table.add_column("refused")
+    for topic, counts in inputs.items():
+        refused = ", ".join(f"{n} {cause}" for cause, n in sorted(counts["refused"].items()))
+        table.add_row(topic, str(counts["messages"]), str(counts["used"]), refused or "none")
+    return table

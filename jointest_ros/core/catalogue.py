@@ -1,0 +1,8 @@
+"""The estimators by name: section of the configuration, `--estimator` of the command line, stem of the executable."""
+
+from __future__ import annotations
+
+from jointest_ros.core.estimator import Estimator
+from jointest_ros.core.pcf import Pcf
+
+ESTIMATORS: dict[str, type[Estimator]] = {estimator.name: estimator for estimator in (Pcf,)}

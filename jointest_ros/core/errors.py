@@ -1,0 +1,13 @@
+"""The exceptions that a user can cause. Each prints as one clear line; the command line turns it into exit code 2."""
+
+
+class JointestError(Exception):
+    """Base of every error that bad input or a bad configuration can raise."""
+
+
+class ConfigurationError(JointestError):
+    """A parameter or a configuration is wrong: names the parameter, the value and what is allowed."""
+
+
+class CalibrationError(JointestError):
+    """A calibration is refused; the text says what is missing (stillness, motion, data)."""

@@ -1,0 +1,63 @@
+"""The one interface that every estimator has, online (`update`) and offline (`run`)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Series
+from jointest_ros.core.params import Params as ParameterSet
+from jointest_ros.core.robot import Robot
+from jointest_ros.core.timing import Timing
+
+
+class Estimator(ABC):
+    """Turns frames into joint estimates.
+
+    Class attributes:
+        name: section of the configuration and stem of the node's executable.
+        Params: what a user can set.
+
+    Instance attributes:
+        joints: names of the positions that it estimates, the order of every tuple and column that it returns.
+    """
+
+    name: ClassVar[str]
+    Params: ClassVar[type[ParameterSet]]
+    joints: tuple[str, ...]
+
+    def __init__(self, robot: Robot, params: ParameterSet | None = None, timing: Timing | None = None) -> None:
+        self.robot = robot
+        self.params = self.Params() if params is None else params
+        self.timing = timing or Timing()
+
+    @abstractmethod
+    def update(self, frame: Frame) -> Estimate:
+        """One step. Stamps must increase; the frame assembler sees to it."""
+
+    def run(self, recording: Recording) -> Series:
+        """Estimates of a stretch of frames, carrying the state over from the stretch before. Equals `update` in a loop."""
+        joints = len(self.joints)
+        parts = (map(self.update, part.frames()) for part in recording.parts())
+        series = [Series.from_estimates(list(estimates), joints) for estimates in parts]
+        return Series.concatenate(series or [Series.from_estimates([], joints)])
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget everything but parameters."""
+
+    @abstractmethod
+    def get_state(self) -> dict[str, Any]:
+        """The whole state as plain numbers, lists and dicts (it can be written to YAML or JSON)."""
+
+    @abstractmethod
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue identically from what `get_state` returned."""
+
+    def covariance(self) -> FloatArray:
+        """Covariance of the latest joint positions, (n, n), rad^2, in the order of `joints`."""
+        raise NotImplementedError
+
+    def biases(self) -> dict[str, float]:
+        """The latest sensor biases by name (rad/s for gyros, V for Hall sensors, m/s^2 for accelerometers)."""
+        return {}

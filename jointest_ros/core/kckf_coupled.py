@@ -1,0 +1,256 @@
+"""The KCKF of a chain whose coordinates share noise or states, with numpy.
+
+The constraint phi = sum theta_i holds exactly when phi and its bias are left out and the noise of the joints is
+correlated (see process_noise.py): this filter *is* the paper's 6n+6 filter, in 2n states for each axis.
+
+State        x = [angle (m), bias (d), offset (h or 0)]: rad; rad/s; V, slow error of each Hall sensor.
+             bias: d = m differences along the axes, or d = 3 g biases of the g gyros (see kckf_motion.py).
+Input        rate (m), rad/s.
+Process      angle+ = angle + (rate - C bias) dt; C = 1, or the rows of the gyros; noise: see process_noise.py.
+Measurement  volts: V = V(angle) + offset + noise; or angles: theta_h(V) = angle + noise of constant variance, (20).
+             All readings of a frame in one update by the Cholesky factor L of the innovation covariance: with
+             Y = L^-1 H P the correction is P -= Y^T Y, which keeps P symmetric in float32 and float64 alike.
+
+While interval and readings stay the same, a filter of angles converges; then its gain is kept and only x is computed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import get_lapack_funcs
+
+from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.hall_bank import HallBank
+from jointest_ros.core.kckf_hinge import ITERATE_ABOVE, ITERATIONS, SETTLED
+from jointest_ros.core.process_noise import ProcessNoise, increments
+
+_CHECK_EVERY = 64  # steps between two looks whether the covariance has settled
+_CONVERGED = 1e-13  # relative change of the covariance in one step
+
+
+class CoupledFilter:
+    """The filter of the module text, of one run or, with `x` of shape (runs, n), of many that share readings in time.
+
+    Attributes:
+        x: (..., n) state.
+        covariance: (n, n) of it.
+        m, d: numbers of angles and biases.
+
+    Args:
+        hall: sensors in the order of the readings.
+        coordinate: (h,) index of the angle that each measures.
+        start: standard deviations of angle, bias and offset (rad, rad/s, V).
+        noise: of the m angles and biases.
+        hall_sigma: constant standard deviation of a Hall angle, rad; 0: measure in volts.
+        offset_walk: random walk of an offset, V/sqrt(s); None: no offset states.
+    """
+
+    def __init__(
+        self,
+        hall: HallBank,
+        coordinate: NDArray[np.int64],
+        noise: ProcessNoise,
+        start: tuple[float, float, float],
+        hall_sigma: float = 0.0,
+        offset_walk: float | None = None,
+        dtype: type = np.float64,
+    ) -> None:
+        self.hall, self._coordinate, self.noise, self._start, self._dtype = hall, coordinate, noise, start, dtype
+        self.m = len(noise.white)
+        self.d = self._biases()
+        self._volts = not hall_sigma
+        self._settles = not self._volts  # nothing in the covariance depends on the state
+        self._variance = (hall.variance if self._volts else np.full(len(coordinate), hall_sigma**2)).astype(dtype)
+        self._offset_walk = offset_walk
+        self._potrf, self._trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=dtype)
+        self._interval = 0.0
+        self.reset()
+
+    # ------------------------------------------------------------- start
+
+    def reset(self) -> None:
+        """Forget everything."""
+        angle, bias, offset = self._start
+        offsets = len(self._coordinate) if self._offset_walk is not None else 0
+        m, d = self.m, self.d
+        self.x = np.zeros(m + d + offsets, dtype=self._dtype)
+        self.covariance = np.zeros((len(self.x), len(self.x)), dtype=self._dtype)
+        self.covariance[:m, :m] = angle**2 * self.noise.angle_prior
+        self.covariance[m : m + d, m : m + d] = bias**2 * self._bias_prior()
+        self.covariance[m + d :, m + d :] = offset**2 * np.eye(offsets)
+        self._unsettle()
+
+    def _biases(self) -> int:
+        return self.m
+
+    def _bias_prior(self) -> FloatArray:
+        return self.noise.bias_prior
+
+    def restart(self) -> None:
+        """Start the angles afresh; what is known of biases and offsets is kept."""
+        m = self.m
+        self.x[..., :m] = 0.0
+        self.covariance[:m] = 0.0
+        self.covariance[:, :m] = 0.0
+        self.covariance[:m, :m] = self._start[0] ** 2 * self.noise.angle_prior
+        self._unsettle()
+
+    def _unsettle(self) -> None:
+        self._key: tuple[float, bytes] = (0.0, b"")
+        self._steps = 0  # with this interval and these readings
+        self._settled: tuple[FloatArray, FloatArray] | None = None  # gain and whitening of the innovation
+        self._whitened: FloatArray = np.empty((0, 1))
+        self._used: NDArray[np.bool_] = np.zeros(len(self._coordinate), dtype=bool)
+
+    # ------------------------------------------------------------- step
+
+    def step(
+        self,
+        dt: float,
+        rates: FloatArray,
+        readings: FloatArray,
+        used: NDArray[np.bool_],
+        spread: FloatArray | None = None,
+    ) -> None:
+        """Predict over `dt` s (0: not at all), then correct.
+
+        `rates`: (..., m) rad/s. `readings`: (..., h) V, or rad where Hall angles are measured; only `used` ones count.
+        `spread`: (m,) rad^2, added variance of angles that were not measured.
+        """
+        if self._settles:
+            key = (dt, used.tobytes())
+            if key != self._key or spread is not None:
+                self._unsettle()
+                self._key = key
+            elif self._settled is not None:
+                self._predict_state(dt, rates)
+                self._correct_settled(readings, used)
+                return
+            self._steps += 1
+        before = self.covariance.copy() if self._steps % _CHECK_EVERY == 0 else None
+        if dt:
+            self._predict_state(dt, rates)
+            self._predict_covariance(dt, spread)
+        self._used = used
+        if not used.any():
+            self._whitened = np.empty((0, 1))
+            return
+        self._correct(readings, used)
+        if before is not None and self._steps:
+            self._settle(before)
+
+    def _predict_state(self, dt: float, rates: FloatArray) -> None:
+        m = self.m
+        self.x[..., :m] += dt * (rates - self.x[..., m : m + self.d])
+
+    def _predict_covariance(self, dt: float, spread: FloatArray | None) -> None:
+        m, d = self.m, self.d
+        if self._interval != dt:
+            self._interval = dt
+            noise = self.noise
+            angle, cross, bias = increments(noise.paper, noise.white, noise.walk, dt)
+            self._increment = np.zeros_like(self.covariance)
+            self._increment[: m + d, : m + d] = np.block([[angle, cross], [cross.T, bias]])
+            self._add_offset_walk(self._increment, dt)
+        p = self.covariance
+        p[:m] -= dt * p[m : m + d]
+        p[:, :m] -= dt * p[:, m : m + d]
+        p += self._increment
+        self._finish_prediction(spread)
+
+    def _add_offset_walk(self, increment: FloatArray, dt: float) -> None:
+        if self._offset_walk is not None:
+            offsets = range(self.m + self.d, len(increment))
+            increment[offsets, offsets] += self._offset_walk**2 * dt
+
+    def _finish_prediction(self, spread: FloatArray | None) -> None:
+        """Remove the rounding of one digit by which the block of the angles is not symmetric."""
+        m = self.m
+        block = self.covariance[:m, :m]
+        block[...] = 0.5 * (block + block.T)
+        if spread is not None:
+            block[range(m), range(m)] += spread
+
+    def _correct(self, readings: FloatArray, used: NDArray[np.bool_]) -> None:
+        at = self._coordinate[used]
+        readings, variance = readings[..., used], self._variance[used]
+        p = self.covariance
+        if not self._volts:
+            crossed = p[:, at]
+            self._apply(crossed, crossed[at], variance, readings - self.x[..., at])
+            return
+        prior, point = self.x, self.x
+        iterate = bool((p.diagonal()[: self.m] > ITERATE_ABOVE).any())
+        offsets = None
+        if self._offset_walk is not None:
+            offsets = self.m + self.d + np.flatnonzero(used)
+        for _ in range(ITERATIONS if iterate else 1):
+            expected, slope = (v[used] for v in self.hall.voltages(point[self._coordinate]))
+            innovation = readings - expected - slope * (prior[at] - point[at])
+            crossed = p[:, at] * slope
+            if offsets is not None:
+                innovation -= prior[offsets]
+                crossed += p[:, offsets]
+            total = slope[:, None] * crossed[at]
+            if offsets is not None:
+                total += crossed[offsets]
+            if not iterate:
+                break
+            gain = np.linalg.solve(total + np.diag(variance), crossed.T).T
+            before, point = point, prior + gain @ innovation
+            if np.abs(point[at] - before[at]).max() < SETTLED:
+                break
+        self._apply(crossed, total, variance, innovation)
+
+    def _apply(self, crossed: FloatArray, total: FloatArray, variance: FloatArray, innovation: FloatArray) -> None:
+        """Correct with P H^T (n, h), H P H^T (h, h), the noise (h,) and the innovation (..., h)."""
+        n, h = crossed.shape
+        total.flat[:: h + 1] += variance
+        root, _ = self._potrf(total, lower=1)
+        sides = np.concatenate([crossed.T, innovation.reshape(-1, h).T], axis=1)
+        solved, _ = self._trtrs(root, sides, lower=1)
+        self._root, y, self._whitened = root, solved[:, :n], solved[:, n:]
+        self._y = y
+        self.x += (self._whitened.T @ y).reshape(self.x.shape)
+        self.covariance -= y.T @ y
+
+    def _settle(self, before: FloatArray) -> None:
+        """Keep the gain when the last step left the covariance as it was."""
+        if np.abs(self.covariance - before).max() > _CONVERGED * np.abs(before).max():
+            return
+        whitening = np.linalg.inv(np.tril(self._root)).T
+        self._settled = whitening @ self._y, whitening
+
+    def _correct_settled(self, readings: FloatArray, used: NDArray[np.bool_]) -> None:
+        assert self._settled is not None
+        gain, self._whitening = self._settled
+        innovation = readings[..., used] - self.x[..., self._coordinate[used]]
+        self.x += innovation @ gain
+        self._whitened = (innovation @ self._whitening).reshape(-1, len(gain)).T
+
+    # ------------------------------------------------------------- results
+
+    def rate_biases(self) -> FloatArray:
+        """(..., m) biases of the rates, rad/s."""
+        return self.x[..., self.m : self.m + self.d]
+
+    @property
+    def innovations(self) -> FloatArray:
+        """Normalised innovations of the newest step (..., h); NaN: not used."""
+        whole = np.full((*self.x.shape[:-1], len(self._used)), np.nan)
+        if self._whitened.size:
+            whole[..., self._used] = self._whitened.T.reshape(*self.x.shape[:-1], -1)
+        return whole
+
+    def get_state(self) -> dict[str, Any]:
+        """All that changes."""
+        return {"x": self.x.tolist(), "covariance": self.covariance.tolist()}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`."""
+        self._unsettle()
+        self.x = np.array(state["x"], dtype=self._dtype)
+        self.covariance = np.array(state["covariance"], dtype=self._dtype)

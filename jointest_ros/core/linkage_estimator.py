@@ -1,0 +1,211 @@
+"""What the estimators on gyros and Hall sensors share: time, inputs, torso, and the loop over a recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.estimator import Estimator
+from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Recording, Series, Vec3
+from jointest_ros.core.joint_bank import JointBank
+from jointest_ros.core.linkage import Linkage
+from jointest_ros.core.linkage_rates import GyroDifferences, LinkRates, turn
+from jointest_ros.core.params import Params
+from jointest_ros.core.robot import Robot
+from jointest_ros.core.rotation import IDENTITY, multiply, rotate
+from jointest_ros.core.timing import Timing
+from jointest_ros.core.torso import GyroTorso, torso_of, torsos_of
+
+KINEMATICS = ("composed", "additive")
+KINEMATICS_TEXT = (
+    "composed: rotations of the joints in succession, torso as rotation vector; additive (the paper's): sums of angles "
+    "about the same axis"
+)
+GAP_RATE_TEXT = "standard deviation of the joint rate that a gap longer than max_gap hides"
+
+
+class LinkageEstimator(Estimator):
+    """Base of `gyro`, `kf` and `kckf`, which make the bank.
+
+    Args:
+        composed: rotations instead of sums.
+        by_links: the bank takes the rates of the links, not those of the joints.
+        gyro_torso: the torso comes from the gyros, not from the joints.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        params: Params,
+        timing: Timing | None,
+        linkage: Linkage,
+        composed: bool,
+        by_links: bool,
+        gyro_torso: bool,
+    ) -> None:
+        super().__init__(robot, params, timing)
+        self.linkage = linkage
+        self.joints = linkage.names
+        self._composed, self._by_links = composed, by_links
+        self._differences, self._link_rates = GyroDifferences(linkage), LinkRates(linkage.gyros)
+        self._gyro_torso = GyroTorso(composed) if gyro_torso and linkage.serial else None
+        self._end_rates = LinkRates((linkage.gyros[0], linkage.gyros[-1]))
+        self._bank: JointBank
+        self.reset()
+
+    def _make_bank(self) -> JointBank:
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Forget everything but parameters."""
+        self._bank = self._make_bank()
+        self._last: int | None = None
+        if self._gyro_torso is not None:
+            self._gyro_torso.restart()
+
+    # ------------------------------------------------------------- online
+
+    def update(self, frame: Frame) -> Estimate:
+        """Predict with the frame's gyros, then correct with its Hall voltages."""
+        if frame.reset:
+            self._restart()
+        if frame.hall is not None:
+            check_voltages(self.robot, len(frame.hall))
+        dt, gap = self._elapsed(frame.stamp, frame.period)
+        inputs = self._link_rates.of_frame(frame.gyro) if self._by_links else self._differences.of_frame(frame.gyro)
+        bank = self._bank
+        bank.step(dt, gap, inputs, frame.hall)
+        torso: Vec3 | None = None
+        orientation: Quat | None = None
+        if self._gyro_torso is not None:
+            self._gyro_torso.step(dt, *self._end_rates.of_frame(frame.gyro))
+            torso, orientation = self._gyro_torso.angle, self._gyro_torso.orientation
+        elif self.linkage.serial:
+            torso, orientation = torso_of(self.linkage.axes, bank.angles, self._composed)
+        return Estimate(
+            frame.stamp,
+            tuple(bank.angles),
+            tuple(bank.velocities),
+            tuple(bank.variances),
+            tuple(bank.status),
+            torso,
+            orientation,
+        )
+
+    def _restart(self) -> None:
+        self._bank.restart()
+        self._last = None
+        if self._gyro_torso is not None:
+            self._gyro_torso.restart()
+
+    def _elapsed(self, stamp: int, period: float) -> tuple[float, float]:
+        """(s since the last frame, s of it that lie before the interval of this frame's gyro sample)."""
+        last, self._last = self._last, stamp
+        if last is None:
+            return 0.0, 0.0
+        dt = (stamp - last) * 1e-9
+        if period == period:
+            return dt, dt - period if dt > 1.5 * period else 0.0
+        return dt, dt if dt > self.timing.max_gap else 0.0
+
+    # ------------------------------------------------------------- by arrays
+
+    def run(self, recording: Recording) -> Series:
+        """Estimates of a stretch of frames; rates and torso by arrays. Equal to `update` in a loop."""
+        length, m = len(recording), len(self.joints)
+        bank = self._bank
+        inputs: Sequence[Any]
+        inputs = (
+            self._link_rates.of_recording(recording)
+            if self._by_links
+            else self._differences.of_recording(recording).tolist()
+        )
+        hall = self._hall_rows(recording)
+        period = [math.nan] * length if recording.period is None else recording.period.tolist()
+        restarts = set() if recording.reset is None else set(np.flatnonzero(recording.reset).tolist())
+        ends = self._end_rates.of_recording(recording) if self._gyro_torso is not None else []
+        position, velocity, variance, status, torso, orientation = [], [], [], [], [], []
+        for k, stamp in enumerate(recording.stamps.tolist()):
+            if k in restarts:
+                self._restart()
+            dt, gap = self._elapsed(stamp, period[k])
+            bank.step(dt, gap, inputs[k], hall[k])
+            position.append(bank.angles)
+            velocity.append(bank.velocities)
+            variance.append(bank.variances)
+            status.append(bank.status)
+            if self._gyro_torso is not None:
+                self._gyro_torso.step(dt, *ends[k])
+                torso.append(self._gyro_torso.angle)
+                orientation.append(self._gyro_torso.orientation)
+        series = Series(
+            recording.stamps,
+            np.array(position).reshape(length, m),
+            np.array(velocity).reshape(length, m),
+            np.array(variance).reshape(length, m),
+            np.array(status, dtype=np.int64).reshape(length, m),
+        )
+        if self._gyro_torso is not None:
+            series.torso = np.array(torso).reshape(length, 3)
+            series.torso_orientation = np.array(orientation).reshape(length, 4)
+        elif self.linkage.serial:
+            series.torso, series.torso_orientation = torsos_of(self.linkage.axes, series.position, self._composed)
+        return series
+
+    def _hall_rows(self, recording: Recording) -> list[list[float] | None]:
+        voltages = recording.hall
+        if voltages is None:
+            return [None] * len(recording)
+        check_voltages(self.robot, voltages.shape[1])
+        present = np.isfinite(voltages).any(axis=1).tolist()
+        return [row if there else None for row, there in zip(voltages.tolist(), present, strict=True)]
+
+    # ------------------------------------------------------------- state
+
+    def get_state(self) -> dict[str, Any]:
+        """The whole state as plain numbers, lists and dicts."""
+        torso = None if self._gyro_torso is None else self._gyro_torso.get_state()
+        return {"last": self._last, "bank": self._bank.get_state(), "torso": torso}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue identically from what `get_state` returned."""
+        self._last = state["last"]
+        self._bank.set_state(state["bank"])
+        if self._gyro_torso is not None:
+            self._gyro_torso.set_state(state["torso"])
+
+    def covariance(self) -> FloatArray:
+        """Covariance of the latest joint positions, (m, m), rad^2."""
+        return self._bank.covariance()
+
+    def torso_covariance(self) -> FloatArray:
+        """Covariance (3, 3), rad^2, of a small rotation of the torso in the first link's frame: 1^T P 1 for coaxial joints."""
+        axes = np.array(self.linkage.axes).T
+        if self._composed:
+            turned = IDENTITY
+            for column, axis in enumerate(self.linkage.axes):
+                axes[:, column] = rotate(turned, axis)
+                turned = multiply(turned, turn(axis, self._bank.angles[column]))
+        return np.asarray(axes @ self._bank.covariance() @ axes.T)
+
+    def biases(self) -> dict[str, float]:
+        """Latest biases: `<coordinate>.gyro` or `<sensor>.x`, `.y`, `.z` in rad/s, `<coordinate>.hall_1` in V."""
+        return self._bank.biases()
+
+    def innovations(self) -> list[float]:
+        """Normalised innovations of the newest frame in the order of `Robot.hall`; NaN: not used. NIS: sum of squares."""
+        return self._bank.innovations()
+
+    def gated(self) -> list[int]:
+        """Hall readings since the start that were refused because of their voltage, in the order of `Robot.hall`."""
+        return self._bank.gated()
+
+
+def check_voltages(robot: Robot, count: int) -> None:
+    """Raise ConfigurationError unless `count` voltages are what the robot's Hall sensors give."""
+    if count != len(robot.hall):
+        raise ConfigurationError(f"hall voltages: {count} in a frame; the robot has {len(robot.hall)} Hall sensors")

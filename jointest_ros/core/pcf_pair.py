@@ -1,0 +1,397 @@
+"""The `relative` and `absolute` formulations of the PCF: how pairs of IMUs become joint angles.
+
+Both hold R12 (child sensor to parent sensor): `relative` as the state of one filter, `absolute` as R1^T R2 of two. With
+the mountings M (sensor to link) and the zero pose Z, R_o = M1^T Z M2 is R12 at the zero pose, and R_o^T R12 is the
+rotation of the joint about its axes as the child's sensor has them (25).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from jointest_ros.core.frame import Frame, Quat, Status, Vec3
+from jointest_ros.core.pcf_attitude import (
+    STILL,
+    UP,
+    ComplementaryFilter,
+    Gains,
+    heading_difference,
+    heading_north,
+    joint_angles,
+    joint_rates,
+    lever,
+    world_field,
+    zero_rotation,
+)
+from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
+from jointest_ros.core.rotation import IDENTITY, between, conjugate, dot, multiply, rotate, rotate_inverse
+
+UNKNOWN_VARIANCE = math.pi**2 / 3.0  # rad^2, of an angle of which nothing is known
+START_VARIANCE = 0.25  # rad^2, of the first angle: it may be taken while the robot moves
+UNKNOWN_PERIOD = 0.01  # s, taken where the period is not known yet
+_LEAST_LEVER = 0.03  # squared sine of the angle between axis and gravity (10 deg) below which gravity tells nothing
+_TURN = 2.0 * math.pi
+# Sums of IntFlag members cost half a microsecond each: plain numbers here.
+_NO_DATA, _GAP, _STALE, _STARTING = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE), int(Status.STARTING)
+_UNOBSERVABLE = int(Status.UNOBSERVABLE)
+
+# positions rad, velocities rad/s, variances rad^2, `Status` flags: one entry an axis of the joint
+JointOutput = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """How time without samples is treated."""
+
+    max_gap: float  # s
+    stale_after: float  # s
+    gap_rate: float  # rad/s, standard deviation of a rate that nobody measured
+
+    def measured(self, elapsed: float, period: float) -> float:
+        """The last part of `elapsed` s that the newest sample covers, s. Less than all of it: samples are missing."""
+        if elapsed <= 1.5 * period:
+            return elapsed
+        if period == period:
+            return period
+        return elapsed if elapsed <= self.max_gap else UNKNOWN_PERIOD
+
+    def spread(self, elapsed: float) -> float:
+        """What `elapsed` s without samples add to the variance of an angle, rad^2."""
+        return (self.gap_rate * elapsed) ** 2 if elapsed > self.max_gap else 0.0
+
+    def flags(self, elapsed: float) -> int:
+        """`Status` of a joint whose sensors have been silent for `elapsed` s."""
+        return _NO_DATA | (_GAP if elapsed > self.max_gap else 0) | (_STALE if elapsed > self.stale_after else 0)
+
+
+def bridge(before: Vec3, now: Vec3, elapsed: float, measured: float) -> Vec3:
+    """Mean rate over `elapsed` s of which only the last `measured` were measured.
+
+    The missing part takes the mean of the rates on either side.
+    """
+    if measured == elapsed:
+        return now
+    k = 0.5 * (1.0 - measured / elapsed)
+    return (
+        now[0] + k * (before[0] - now[0]),
+        now[1] + k * (before[1] - now[1]),
+        now[2] + k * (before[2] - now[2]),
+    )
+
+
+class Imu:
+    """The samples of one sensor as a filter wants them, with the gyro bias removed that was calibrated at rest."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self.bias: Vec3 = STILL  # rad/s
+        self.before: Vec3 = STILL  # rad/s, rate of the sample before
+
+    def read(self, frame: Frame) -> tuple[Vec3, Vec3] | None:
+        """(gyro without bias, accelerometer) or None where this frame has not both."""
+        gyro, accel = frame.gyro.get(self.sensor.name), frame.accel.get(self.sensor.name)
+        if gyro is None or accel is None:
+            return None
+        b = self.bias
+        return (gyro[0] - b[0], gyro[1] - b[1], gyro[2] - b[2]), accel
+
+
+class AbsoluteImu:
+    """Algorithm 1 on one sensor: `attitude.rotation` is sensor to world (z up; y north where a magnetometer says so)."""
+
+    def __init__(self, sensor: Sensor, gains: Gains, gaps: Gaps) -> None:
+        self.imu, self.gaps = Imu(sensor), gaps
+        self.attitude = ComplementaryFilter(gains)
+        self.restart()
+
+    def update(self, frame: Frame) -> None:
+        """One step; none where the sensor is missing."""
+        sample = self.imu.read(frame)
+        if sample is None:
+            return
+        gyro, accel = sample
+        attitude = self.attitude
+        field = frame.mag.get(self.imu.sensor.name) if attitude.gains.mag_weight else None
+        if self.stamp is None:
+            attitude.rotation = between(accel, UP)
+            if field is not None:
+                attitude.rotation = heading_north(attitude.rotation, field)
+        else:
+            elapsed = (frame.stamp - self.stamp) * 1e-9
+            measured = self.gaps.measured(elapsed, frame.period)
+            attitude.predict(elapsed, STILL, bridge(self.imu.before, gyro, elapsed, measured))
+            if elapsed > self.gaps.max_gap:
+                attitude.align(UP, accel)
+            north = None if field is None else world_field(attitude.rotation, field)
+            attitude.correct(measured, UP, accel, north, field)
+        if field is not None:
+            self.mag_stamp = frame.stamp
+        self.imu.before, self.stamp = gyro, frame.stamp
+
+    def restart(self) -> None:
+        """Start the attitude afresh from the next sample; what is known of the bias is kept."""
+        self.stamp: int | None = None
+        self.mag_stamp: int | None = None
+
+    def reset(self) -> None:
+        """Forget attitude and bias."""
+        self.restart()
+        self.imu.bias = self.attitude.integral = STILL
+
+    def biases(self) -> dict[str, float]:
+        """Gyro bias by component in the sensor's frame, rad/s: calibrated part less the integral."""
+        parts = zip("xyz", self.imu.bias, self.attitude.integral, strict=True)
+        return {f"{self.imu.sensor.name}.gyro_{c}": b - i for c, b, i in parts}
+
+    def get_state(self) -> dict[str, Any]:
+        """All that changes, as plain numbers."""
+        vectors = (self.attitude.rotation, self.attitude.integral, self.imu.bias, self.imu.before)
+        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "vectors": [list(v) for v in vectors]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`."""
+        self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
+        attitude, imu = self.attitude, self.imu
+        attitude.rotation, attitude.integral, imu.bias, imu.before = (tuple(v) for v in state["vectors"])
+
+
+class _Pair:
+    """What both formulations share: from R12 to the positions of one joint."""
+
+    def __init__(self, joint: Joint, parent: Sensor, child: Sensor, gains: Gains, gaps: Gaps) -> None:
+        self.joint, self.parent, self.child, self.gains, self.gaps = joint, parent, child, gains, gaps
+        middles = [0.5 * (low + high) for low, high in joint.limits] if joint.limits else [0.0] * len(joint.axes)
+        self._middles = tuple(middles)
+        self._gyro_density2 = parent.gyro_noise**2 + child.gyro_noise**2
+        accel2 = (parent.accel_noise**2 + child.accel_noise**2) / STANDARD_GRAVITY**2
+        self._correction_density2 = (gains.kp**2 + gains.ki) * accel2
+        self._take_zero(IDENTITY)
+        self.restart()
+
+    def restart(self) -> None:
+        """Start the angles afresh from the next frame."""
+        n = len(self.joint.axes)
+        self.stamp: int | None = None
+        self.mag_stamp: int | None = None
+        self.position, self.velocity, self.variance = (0.0,) * n, (0.0,) * n, (UNKNOWN_VARIANCE,) * n
+        self.status = (_STARTING,) * n
+
+    @property
+    def sensors(self) -> tuple[str, str]:
+        """Names of the two sensors."""
+        return self.parent.name, self.child.name
+
+    def get_state(self) -> dict[str, Any]:
+        """All that changes, as plain numbers."""
+        lists = {name: list(getattr(self, name)) for name in ("zero", "position", "velocity", "variance", "status")}
+        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, **lists}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`."""
+        self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
+        self._take_zero(tuple(state["zero"]))
+        self.position, self.velocity, self.variance, self.status = (
+            tuple(state[name]) for name in ("position", "velocity", "variance", "status")
+        )
+
+    # ------------------------------------------------------------- zero pose
+
+    def _take_zero(self, zero: Quat) -> None:
+        self.zero = zero  # child link to parent link at the zero pose
+        child = multiply(zero, self.child.mounting)
+        self.at_zero = multiply(conjugate(self.parent.mounting), child)  # R_o
+        self._from_zero = conjugate(self.at_zero)
+        self.axes = tuple(rotate_inverse(child, axis) for axis in self.joint.axes)  # in the child's sensor
+
+    def set_zero(self, accel: dict[str, Vec3]) -> None:
+        """The present pose is the zero pose; mean accelerometers by sensor, m/s^2."""
+        b1 = rotate(self.parent.mounting, accel[self.parent.name])
+        b2 = rotate(self.child.mounting, accel[self.child.name])
+        if len(self.joint.axes) > 1 or lever(self.joint.axes[0], b1) > _LEAST_LEVER:
+            self._take_zero(zero_rotation(self.joint.axes, b1, b2))
+
+    def first_guess(self, a1: Vec3, a2: Vec3) -> Quat:
+        """R12 that agrees with gravity and with the joint; what gravity does not show is as at the zero pose."""
+        if len(self.axes) == 1 and lever(self.axes[0], a2) < _LEAST_LEVER:
+            return self.at_zero
+        return multiply(self.at_zero, zero_rotation(self.axes, rotate_inverse(self.at_zero, a1), a2))
+
+    # ------------------------------------------------------------- steps
+
+    def _output(self, stamp: int, r12: Quat, rate: Vec3, a2: Vec3, elapsed: float) -> JointOutput:
+        """Take over R12 and the relative rate (in the child's sensor) at `stamp`, `elapsed` s after the last one."""
+        axes = self.axes
+        angles = joint_angles(axes, multiply(self._from_zero, r12))
+        gap = self.gaps.spread(elapsed)
+        levers = self._levers(stamp, angles, a2)
+        variances, near, kp = self.variance, self.position, self.gains.kp
+        if self.stamp is None:
+            variances = tuple(START_VARIANCE if s2 > _LEAST_LEVER else UNKNOWN_VARIANCE for s2 in levers)
+            near = self._middles
+        noise = self._gyro_density2 * elapsed + gap
+        correction = self._correction_density2 * elapsed
+        self.variance = tuple(
+            [
+                min(max(0.0, 1.0 - kp * s2 * elapsed) ** 2 * variance + noise + correction * s2, UNKNOWN_VARIANCE)
+                for variance, s2 in zip(variances, levers, strict=True)
+            ]
+        )
+        self.position = tuple([a + _TURN * round((n - a) / _TURN) for a, n in zip(angles, near, strict=True)])
+        self.velocity = joint_rates(axes, angles, rate)
+        flags = _GAP if gap else 0
+        self.status = tuple([flags if s2 > _LEAST_LEVER else flags | _UNOBSERVABLE for s2 in levers])
+        self.stamp = stamp
+        return self.position, self.velocity, self.variance, self.status
+
+    def _levers(self, stamp: int, angles: tuple[float, ...], a2: Vec3) -> Sequence[float]:
+        """How much of a turn of each coordinate the measured directions show, 0 (nothing) to 1.
+
+        A turn about gravity, at 1 rad/s, turns coordinate i at t_i and cannot be seen: 1 - t_i^2 is left (one axis: the
+        squared sine of the angle between axis and gravity). A field beside gravity shows everything.
+        """
+        if self.mag_stamp is not None and (stamp - self.mag_stamp) * 1e-9 <= self.gaps.max_gap:
+            return (1.0,) * len(angles)
+        gravity2 = dot(a2, a2)
+        if gravity2 == 0.0:
+            return (0.0,) * len(angles)
+        return [max(0.0, 1.0 - t * t / gravity2) for t in joint_rates(self.axes, angles, a2)]
+
+    def _extrapolate(self, stamp: int) -> JointOutput:
+        """Without new data: the velocity carries the position on for at most `max_gap`; the state is left alone."""
+        gaps = self.gaps
+        if self.stamp is None:
+            flags = _NO_DATA | _STALE
+            return self.position, self.velocity, self.variance, tuple(one | flags for one in self.status)
+        elapsed = (stamp - self.stamp) * 1e-9
+        flags = gaps.flags(elapsed)
+        carried = min(elapsed, gaps.max_gap)
+        position = tuple(p + v * carried for p, v in zip(self.position, self.velocity, strict=True))
+        velocity = self.velocity if elapsed <= gaps.max_gap else (0.0,) * len(position)
+        variance = tuple(min(v + gaps.spread(elapsed), UNKNOWN_VARIANCE) for v in self.variance)
+        return position, velocity, variance, tuple(one | flags for one in self.status)
+
+
+class RelativePair(_Pair):
+    """Algorithm 2 on the two sensors of a joint."""
+
+    def __init__(self, joint: Joint, parent: Sensor, child: Sensor, gains: Gains, gaps: Gaps) -> None:
+        self._imu1, self._imu2 = Imu(parent), Imu(child)
+        self.filter = ComplementaryFilter(gains)
+        super().__init__(joint, parent, child, gains, gaps)
+
+    def update(self, frame: Frame) -> JointOutput:
+        """One step."""
+        one, two = self._imu1.read(frame), self._imu2.read(frame)
+        if one is None or two is None:
+            return self._extrapolate(frame.stamp)
+        (w1, a1), (w2, a2) = one, two
+        elapsed = 0.0
+        if self.stamp is None:
+            self.filter.rotation = self.first_guess(a1, a2)
+        else:
+            elapsed = (frame.stamp - self.stamp) * 1e-9
+            measured = self.gaps.measured(elapsed, frame.period)
+            mean1 = bridge(self._imu1.before, w1, elapsed, measured)
+            mean2 = bridge(self._imu2.before, w2, elapsed, measured)
+            self.filter.predict(elapsed, mean1, mean2)
+            if elapsed > self.gaps.max_gap:
+                self.filter.align(a1, a2)
+            m1 = m2 = None
+            if self.gains.mag_weight:
+                m1, m2 = frame.mag.get(self.parent.name), frame.mag.get(self.child.name)
+                if m1 is not None and m2 is not None:
+                    self.mag_stamp = frame.stamp
+            self.filter.correct(measured, a1, a2, m1, m2)
+        self._imu1.before, self._imu2.before = w1, w2
+        return self._output(frame.stamp, self.filter.rotation, self.filter.rate(w1, w2), a2, elapsed)
+
+    def set_bias(self, gyro: dict[str, Vec3]) -> None:
+        """Gyro biases measured at rest, rad/s by sensor."""
+        self._imu1.bias, self._imu2.bias = gyro[self.parent.name], gyro[self.child.name]
+        self.filter.integral = STILL
+
+    def set_zero(self, accel: dict[str, Vec3]) -> None:
+        super().set_zero(accel)
+        self.filter.rotation = self.at_zero
+
+    def reset(self) -> None:
+        """Forget angles and biases; the zero pose is kept."""
+        self.restart()
+        self._imu1.bias = self._imu2.bias = self.filter.integral = STILL
+
+    def biases(self) -> dict[str, float]:
+        """What the integral found beyond the calibration: bias difference in the child sensor's frame, rad/s."""
+        return {f"{self.joint.name}.gyro_{c}": -i for c, i in zip("xyz", self.filter.integral, strict=True)}
+
+    def get_state(self) -> dict[str, Any]:
+        return super().get_state() | {
+            "rotation": list(self.filter.rotation),
+            "integral": list(self.filter.integral),
+            "imus": [[list(i.bias), list(i.before)] for i in (self._imu1, self._imu2)],
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        super().set_state(state)
+        self.filter.rotation, self.filter.integral = tuple(state["rotation"]), tuple(state["integral"])
+        for imu, (bias, before) in zip((self._imu1, self._imu2), state["imus"], strict=True):
+            imu.bias, imu.before = tuple(bias), tuple(before)
+
+
+class AbsolutePair(_Pair):
+    """R1^T R2 of two filters of Algorithm 1, which the estimator has updated already.
+
+    Without magnetometers every IMU has a heading of its own. Where the pair starts, the child and all IMUs `below` it in
+    the tree are turned about the vertical, so that the joint is in its place.
+    """
+
+    def __init__(
+        self, joint: Joint, parent: AbsoluteImu, child: AbsoluteImu, below: Sequence[AbsoluteImu], gains: Gains, gaps: Gaps
+    ) -> None:
+        self._one, self._two, self._below = parent, child, below
+        super().__init__(joint, parent.imu.sensor, child.imu.sensor, gains, gaps)
+
+    def update(self, frame: Frame) -> JointOutput:
+        """Take the angles from the two attitudes."""
+        one, two = self._one, self._two
+        if one.stamp != frame.stamp or two.stamp != frame.stamp:
+            return self._extrapolate(frame.stamp)
+        a2 = frame.accel[self.child.name]
+        elapsed = 0.0
+        if self.stamp is None:
+            self._turn_to(self.first_guess(frame.accel[self.parent.name], a2))
+        else:
+            elapsed = (frame.stamp - self.stamp) * 1e-9
+        if one.mag_stamp is not None and two.mag_stamp is not None:
+            self.mag_stamp = min(one.mag_stamp, two.mag_stamp)
+        r12 = multiply(conjugate(one.attitude.rotation), two.attitude.rotation)
+        w1, w2, i1, i2 = one.imu.before, two.imu.before, one.attitude.integral, two.attitude.integral
+        x, y, z = rotate_inverse(r12, (w1[0] + i1[0], w1[1] + i1[1], w1[2] + i1[2]))
+        rate = (w2[0] + i2[0] - x, w2[1] + i2[1] - y, w2[2] + i2[2] - z)
+        return self._output(frame.stamp, r12, rate, a2, elapsed)
+
+    def _turn_to(self, r12: Quat) -> None:
+        """Give the child the heading with which R1^T R2 comes nearest to `r12`."""
+        if self.gains.mag_weight:
+            return
+        one, two = self._one.attitude, self._two.attitude
+        turn = heading_difference(multiply(one.rotation, r12), two.rotation)
+        for imu in (self._two, *self._below):
+            imu.attitude.rotation = multiply(turn, imu.attitude.rotation)
+
+    def set_bias(self, gyro: dict[str, Vec3]) -> None:
+        """The estimator sets the biases of the single IMUs."""
+
+    def set_zero(self, accel: dict[str, Vec3]) -> None:
+        super().set_zero(accel)
+        self._turn_to(self.at_zero)
+
+    def reset(self) -> None:
+        """Forget angles; the zero pose is kept."""
+        self.restart()
+
+    def biases(self) -> dict[str, float]:
+        """None: they are those of the single IMUs."""
+        return {}

@@ -1,0 +1,192 @@
+"""The robot as a kinematic tree of links and joints, and the sensors that sit on its links.
+
+All link frames coincide in orientation at the zero pose, so that a joint axis has the same components in both of its
+links; what is not aligned is a sensor's `mounting`. A joint position is the child relative to the parent about +axis.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.frame import Quat, Vec3
+from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.rotation import IDENTITY, exp, multiply
+
+STANDARD_GRAVITY = 9.80665  # m/s^2
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Succession of one to three revolutes between two links, in the listed order.
+
+    Attributes:
+        name: of the joint; its coordinates are `name`, or `name_x`, `name_y`, ... when there is more than one axis.
+        axes: unit vectors, equal in parent and child frame at the zero pose.
+        limits: lowest and highest position of each coordinate, rad, or None where unknown.
+        continuous: positions are equal modulo 2 pi (errors are wrapped).
+    """
+
+    name: str
+    parent: str
+    child: str
+    axes: tuple[Vec3, ...]
+    limits: tuple[tuple[float, float], ...] | None = None
+    continuous: bool = False
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the joint positions, one an axis."""
+        if len(self.axes) == 1:
+            return (self.name,)
+        letters = [_axis_letter(axis) or str(number) for number, axis in enumerate(self.axes, 1)]
+        return tuple(f"{self.name}_{letter}" for letter in letters)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """An inertial sensor on a link. Noise figures are those of the data sheet, in SI.
+
+    Attributes:
+        link: the link that it is fixed to.
+        position: of the sensor in the link frame, m.
+        mounting: rotation sensor frame to link frame, quaternion x, y, z, w.
+        gyro, accel, mag: which of its fields are in use; only these are checked.
+        gyro_noise: white noise density, rad/s/sqrt(Hz).
+        gyro_bias_walk: random walk of the gyro bias, rad/s/sqrt(s).
+        accel_noise: white noise density, m/s^2/sqrt(Hz).
+        gyro_range, accel_range: full scale, rad/s and m/s^2; infinity where unknown.
+        delay: how long after the measurement the sensor's filter delivers it (group delay of the data sheet), s; the
+            assembler subtracts it from the stamps, so that estimates are stamped by when they were true.
+        topic, mag_topic: names of its Imu and MagneticField topics.
+        frame_id: when set, only messages with this frame id are this sensor's (several sensors on one topic).
+    """
+
+    name: str
+    link: str
+    position: Vec3 = (0.0, 0.0, 0.0)
+    mounting: Quat = IDENTITY
+    gyro: bool = True
+    accel: bool = True
+    mag: bool = False
+    gyro_noise: float = math.radians(0.005)
+    gyro_bias_walk: float = math.radians(0.001)
+    accel_noise: float = 400e-6 * STANDARD_GRAVITY
+    gyro_range: float = math.inf
+    accel_range: float = math.inf
+    delay: float = 0.0
+    topic: str = ""
+    mag_topic: str = ""
+    frame_id: str = ""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Links, joints and sensors. Made once, checked when made. `hall` has the order of the voltages in `Frame.hall`.
+
+    Raises:
+        ConfigurationError: a joint or sensor names an unknown link, a link has two parents, a joint closes a loop, a Hall
+            sensor names an unknown joint coordinate.
+    """
+
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    name: str = "robot"
+    hall: tuple[HallSensor, ...] = ()
+    _by_name: dict[str, Sensor] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _no_repetition("links", self.links)
+        _no_repetition("joints", [joint.name for joint in self.joints])
+        _no_repetition("joint coordinates", self.coordinates)
+        _no_repetition("sensors", [sensor.name for sensor in self.sensors])
+        parent_of: dict[str, str] = {}
+        for joint in self.joints:
+            self._known_link(joint.parent, f"joint '{joint.name}'.parent")
+            self._known_link(joint.child, f"joint '{joint.name}'.child")
+            if joint.child in parent_of:
+                raise ConfigurationError(
+                    f"joint '{joint.name}'.child: '{joint.child}' has the parent '{parent_of[joint.child]}' already; a link has one parent"
+                )
+            ancestor: str | None = joint.parent
+            while ancestor is not None:
+                if ancestor == joint.child:
+                    raise ConfigurationError(
+                        f"joint '{joint.name}'.child: '{joint.child}' is its own ancestor; joints must form a tree"
+                    )
+                ancestor = parent_of.get(ancestor)
+            parent_of[joint.child] = joint.parent
+        for sensor in self.sensors:
+            self._known_link(sensor.link, f"sensor '{sensor.name}'.link")
+            self._by_name[sensor.name] = sensor
+        for number, hall in enumerate(self.hall):
+            if hall.joint not in self.coordinates:
+                raise ConfigurationError(
+                    f"hall[{number}].joint: '{hall.joint}' is not a joint coordinate; {_known(hall.joint, self.coordinates)}"
+                )
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of all joint positions in the order of the configuration."""
+        return tuple(name for joint in self.joints for name in joint.coordinates)
+
+    @cached_property
+    def ordered_joints(self) -> tuple[Joint, ...]:
+        """Joints with every parent before its children."""
+        children = {joint.child for joint in self.joints}
+        placed = {link for link in self.links if link not in children}
+        waiting, ordered = list(self.joints), []
+        while waiting:
+            ready = [joint for joint in waiting if joint.parent in placed]
+            ordered += ready
+            placed.update(joint.child for joint in ready)
+            waiting = [joint for joint in waiting if joint.parent not in placed or joint not in ready]
+        return tuple(ordered)
+
+    def sensor(self, name: str) -> Sensor:
+        """The sensor of that name. Raises ConfigurationError when there is none."""
+        if name not in self._by_name:
+            raise ConfigurationError(f"sensor '{name}': unknown; {_known(name, list(self._by_name))}")
+        return self._by_name[name]
+
+    def sensors_on(self, link: str) -> tuple[Sensor, ...]:
+        """The sensors of one link in the order of the configuration."""
+        return tuple(sensor for sensor in self.sensors if sensor.link == link)
+
+    def orientations(self, positions: Mapping[str, float]) -> dict[str, Quat]:
+        """Forward kinematics: orientation of every link in its root link, for joint positions in rad by coordinate name."""
+        turned: dict[str, Quat] = {}
+        for joint in self.ordered_joints:
+            q = turned.setdefault(joint.parent, IDENTITY)
+            for coordinate, axis in zip(joint.coordinates, joint.axes, strict=True):
+                angle = positions[coordinate]
+                q = multiply(q, exp((axis[0] * angle, axis[1] * angle, axis[2] * angle)))
+            turned[joint.child] = q
+        return {link: turned.get(link, IDENTITY) for link in self.links}
+
+    def _known_link(self, link: str, where: str) -> None:
+        if link not in self.links:
+            raise ConfigurationError(f"{where}: '{link}' is not a link; {_known(link, self.links)}")
+
+
+def _known(name: str, names: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, names, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(names) or 'none'}"
+
+
+def _no_repetition(what: str, names: Sequence[str]) -> None:
+    for name in names:
+        if list(names).count(name) > 1:
+            raise ConfigurationError(f"{what}: '{name}' is given twice; names must differ")
+
+
+def _axis_letter(axis: Vec3) -> str:
+    for letter, component in zip("xyz", axis, strict=True):
+        if abs(component) == 1.0:
+            return letter
+    return ""

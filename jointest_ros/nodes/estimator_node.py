@@ -1,0 +1,159 @@
+"""The one node behind all estimator executables: receives, calls the core, publishes. Nothing is computed here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from jointest_ros import config
+from jointest_ros.bags.intake import Handler, Intake
+from jointest_ros.bags.output import JointStateOutput
+from jointest_ros.core.catalogue import ESTIMATORS
+from jointest_ros.core.errors import CalibrationError, ConfigurationError
+from jointest_ros.core.frame import Estimate, Frame
+from jointest_ros.core.params import Params, param
+from jointest_ros.nodes.diagnostics import Diagnostics
+from jointest_ros.nodes.messages import CLASSES, labelled_array
+from jointest_ros.nodes.parameters import declare, overrides
+
+
+@dataclass(frozen=True)
+class NodeParams(Params):
+    """What every estimator node has besides the parameters of its estimator."""
+
+    config: str = param("", "path of the robot's configuration (YAML)")
+    sensor_namespace: str = param("", "namespace of the input topics; empty: that of the node")
+    reliability: str = param("best_effort", "QoS of the inputs", choices=("best_effort", "reliable"))
+    depth: int = param(1000, "QoS history depth of the inputs", unit="messages", low=1, high=100000)
+    executor: str = param(
+        "events", "events: EventsExecutor; single: SingleThreadedExecutor", choices=("events", "single")
+    )
+
+
+class EstimatorNode(Node):
+    """Runs one estimator on the topics of one robot.
+
+    It works in any executor, several in one process; `destroy_node` ends it. Parameters are given on the command line
+    (`--ros-args -p config:=...`) or as keywords: `EstimatorNode("pcf", config="config/finger.yaml", kp=2.0)`.
+
+    Args:
+        estimator: name of the estimator; the node is called `<estimator>_node` unless `node_name` is given.
+        namespace: of the node.
+        context: of ROS; the default one unless given.
+        parameters: by name; those of `NodeParams` and of the estimator.
+
+    Raises:
+        ConfigurationError: in the configuration or a parameter.
+    """
+
+    def __init__(
+        self,
+        estimator: str,
+        *,
+        node_name: str | None = None,
+        namespace: str | None = None,
+        context: Context | None = None,
+        **parameters: Any,
+    ) -> None:
+        super().__init__(
+            node_name or f"{estimator}_node",
+            namespace=namespace,
+            context=context,
+            parameter_overrides=overrides(parameters),
+            automatically_declare_parameters_from_overrides=False,
+        )
+        try:
+            self._build(ESTIMATORS[estimator])
+        except Exception:
+            self.destroy_node()
+            raise
+
+    def _build(self, kind: Any) -> None:
+        params = declare(self, NodeParams)
+        if not params.config:
+            raise ConfigurationError(
+                "config: '' is not allowed; give the path of a configuration: -p config:=robot.yaml"
+            )
+        configuration = config.load(params.config)
+        chosen = declare(self, kind.Params, configuration.estimators.get(kind.name))
+        self.estimator = kind(configuration.robot, chosen, configuration.timing)
+        self.intake = Intake(configuration.robot, configuration.timing)
+        self.estimates = 0
+        self._output = JointStateOutput(self.estimator.joints)
+        self._publish_states = self.create_publisher(JointState, "joint_states", 1000).publish
+        self._covariance = self.create_publisher(Float64MultiArray, "joint_covariance", 10)
+        self._biases = self.create_publisher(Float64MultiArray, "biases", 10)
+        self._offer_services()
+        self._diagnostics = Diagnostics(self, self.intake, self.estimator.joints)
+        self._subscribe(params, stamped_by_arrival=bool(configuration.robot.hall))
+        self.get_logger().info(f"{kind.name}: {', '.join(self.estimator.joints)} from {', '.join(self.intake.topics)}")
+
+    def _subscribe(self, params: NodeParams, stamped_by_arrival: bool) -> None:
+        reliable = params.reliability == "reliable"
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=params.depth,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        )
+        prefix = f"/{params.sensor_namespace.strip('/')}/" if params.sensor_namespace else ""
+        for topic, msgtype in self.intake.topics.items():
+            receive = self._receive_with_info if stamped_by_arrival else self._receive
+            callback = partial(receive, self.intake.handlers[topic])
+            name = topic if topic.startswith("/") else prefix + topic
+            self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True)
+
+    # ------------------------------------------------------------- data
+
+    def _receive(self, handler: Handler, data: bytes) -> None:
+        for frame in handler(data, 0):
+            self._estimate(frame)
+
+    def _receive_with_info(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
+        """Hall messages have no stamp: their arrival is when they were sent, which the executor does not delay."""
+        for frame in handler(data, info["source_timestamp"]):
+            self._estimate(frame)
+
+    def _estimate(self, frame: Frame) -> None:
+        estimate = self.estimator.update(frame)
+        self.estimates += 1
+        self._diagnostics.estimate = estimate
+        self._publish(estimate)
+
+    def _publish(self, estimate: Estimate) -> None:
+        message = self._output.encode(estimate)
+        if message is not None:
+            self._publish_states(message)
+        if self._covariance.get_subscription_count():
+            matrix = self.estimator.covariance().ravel().tolist()
+            self._covariance.publish(labelled_array(list(self.estimator.joints), matrix))
+        if self._biases.get_subscription_count():
+            biases = self.estimator.biases()
+            self._biases.publish(labelled_array(list(biases), list(biases.values())))
+
+    # ------------------------------------------------------------- services
+
+    def _offer_services(self) -> None:
+        self._serve("reset", self.estimator.reset, "started afresh")
+        for name in ("calibrate_zero", "calibrate_gyro_bias"):
+            if hasattr(self.estimator, name):
+                self._serve(name, getattr(self.estimator, name), "done")
+
+    def _serve(self, name: str, action: Callable[[], None], done: str) -> None:
+        def answer(_request: Any, response: Any) -> Any:
+            try:
+                action()
+                response.success, response.message = True, done
+            except CalibrationError as error:
+                response.success, response.message = False, str(error)
+            return response
+
+        self.create_service(Trigger, f"~/{name}", answer)

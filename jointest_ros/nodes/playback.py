@@ -1,0 +1,93 @@
+"""What the simulated hardware plays: the timed messages of a recording or of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Protocol
+
+from jointest_ros.bags import synthetic
+from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, IMU, MAGNETIC_FIELD
+from jointest_ros.bags.errors import BagError
+from jointest_ros.bags.reader import BagReader
+from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.sim.scenarios import SCENARIOS, Rig
+from jointest_ros.sim.simulated import SimulationOptions
+
+SENSORS = (IMU, MAGNETIC_FIELD, FLOAT32_MULTIARRAY)
+_TRUTH = "ground_truth/"
+
+
+class Playback(Protocol):
+    """Attributes: `topics`, relative topic -> message type; `description`, one line."""
+
+    topics: dict[str, str]
+    description: str
+
+    def messages(self) -> Iterator[synthetic.Message]:
+        """All messages from the start, in the order of their times; a BagError at the end of a damaged recording."""
+        ...
+
+    def close(self) -> None:
+        """Free what it holds."""
+        ...
+
+
+class BagPlayback:
+    """The sensor and ground truth topics of a recording. Raises BagError."""
+
+    def __init__(self, path: str) -> None:
+        with ExitStack() as stack:
+            self._reader = stack.enter_context(BagReader(path))
+            chosen = {
+                topic: msgtype
+                for topic, msgtype in self._reader.topics.items()
+                if msgtype in SENSORS or _TRUTH in topic
+            }
+            if not any(msgtype in SENSORS for msgtype in chosen.values()):
+                raise BagError(f"{path}: no sensor topics to play; it has: {', '.join(self._reader.topics)}")
+            self._names = {topic: topic.lstrip("/") for topic in chosen}
+            self.topics = {self._names[topic]: msgtype for topic, msgtype in chosen.items()}
+            self.description = f"{path}, {self._reader.duration_s:.1f} s"
+            if self._reader.damage:
+                self.description += f", damaged: {self._reader.damage}"
+            self._stack = stack.pop_all()
+
+    def messages(self) -> Iterator[synthetic.Message]:
+        for topic, time, data in self._reader.messages(tuple(self._names)):
+            yield time, self._names[topic], data
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+@dataclass
+class SimulatedPlayback:
+    """A simulation, made stretch by stretch while it is played. Raises SimulationError when played."""
+
+    rig: Rig
+    options: SimulationOptions
+
+    def __post_init__(self) -> None:
+        self.topics = synthetic.topics(next(self.rig.stretches(self.options)).robot)
+        scenario = getattr(self.options, "scenario", "")
+        self.description = f"{self.rig.name} {scenario} at {self.options.rate_hz:g} Hz, seed {self.options.seed}"
+
+    def messages(self) -> Iterator[synthetic.Message]:
+        return synthetic.messages(self.rig.stretches(self.options))
+
+    def close(self) -> None:
+        pass
+
+
+def open_bag(path: str) -> BagPlayback:
+    """The recording of the parameter `bag`. Raises ConfigurationError where it is not given."""
+    if not path:
+        raise ConfigurationError("bag: '' is not allowed with source bag; give the path of a recording: -p bag:=PATH")
+    return BagPlayback(path)
+
+
+def sources() -> tuple[str, ...]:
+    """What the parameter `source` may be."""
+    return ("bag", *SCENARIOS)
