@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,11 @@ from jointest_ros.core.timing import Timing
 _AXES: dict[str, Vec3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _AXES |= {f"-{name}": (-x, -y, -z) for name, (x, y, z) in _AXES.items()}
 _AXES |= {f"+{name}": _AXES[name] for name in "xyz"}
+
+_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+
+_shown = reprlib.Repr()  # of a value in an error: a line, however much was given
+_shown.maxlevel, _shown.maxstring, _shown.maxother = 2, 60, 60
 
 
 @dataclass(frozen=True)
@@ -69,8 +75,10 @@ def load(path: str | Path) -> Configuration:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigurationError(f"{path}: no such configuration file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: cannot be read as a configuration: {error}") from None
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read as a configuration: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
     try:
         return parse(text, path)
     except ConfigurationError as error:
@@ -81,7 +89,11 @@ def parse(text: str, path: Path | None = None) -> Configuration:
     """Read a configuration from its YAML text. Raises ConfigurationError."""
     try:
         document = yaml.load(text, Loader=_StrictLoader)
-    except yaml.YAMLError as error:
+    except ConfigurationError:
+        raise
+    except RecursionError:
+        raise ConfigurationError("no valid YAML: too many levels in one another") from None
+    except Exception as error:  # besides YAMLError: whatever PyYAML trips over in dates, numbers and explicit tags
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         raise ConfigurationError(f"{where}no valid YAML: {getattr(error, 'problem', None) or error}") from None
@@ -105,9 +117,11 @@ def parse(text: str, path: Path | None = None) -> Configuration:
 
 def _robot(document: Mapping[str, Any]) -> Robot:
     section = _section(document["robot"], "robot", ("name", "links", "joints"))
-    links = section.get("links")
-    if not isinstance(links, list) or not links or not all(isinstance(link, str) for link in links):
-        raise ConfigurationError(f"robot.links: {links!r} is not allowed; give a list of at least one name")
+    name, links = section.get("name", "robot"), section.get("links")
+    if not isinstance(name, str):
+        raise _refusal("robot.name", name, "a text")
+    if not isinstance(links, list) or not links or not all(isinstance(link, str) and link for link in links):
+        raise _refusal("robot.links", links, "a list of at least one name")
     joints = _section(section.get("joints"), "robot.joints")
     sensors = _section(document.get("sensors"), "sensors")
     defaults = _section(document.get("sensor_defaults"), "sensor_defaults")
@@ -116,7 +130,7 @@ def _robot(document: Mapping[str, Any]) -> Robot:
         links=tuple(links),
         joints=tuple(_joint(name, values) for name, values in joints.items()),
         sensors=tuple(_sensor(name, values, defaults) for name, values in sensors.items()),
-        name=str(section.get("name", "robot")),
+        name=name,
     )
 
 
@@ -125,7 +139,7 @@ def _joint(name: str, values: Any) -> Joint:
     section = _section(values, where, ("parent", "child", "axis", "axes", "limits_deg", "continuous"))
     for key in ("parent", "child"):
         if not isinstance(section.get(key), str):
-            raise ConfigurationError(f"{where}.{key}: {section.get(key)!r} is not allowed; give the name of a link")
+            raise _refusal(f"{where}.{key}", section.get(key), "the name of a link")
     if ("axis" in section) == ("axes" in section):
         raise ConfigurationError(f"{where}: give either axis (one) or axes (a list of one to three)")
     if "axis" in section:
@@ -133,16 +147,16 @@ def _joint(name: str, values: Any) -> Joint:
     else:
         listed = section["axes"]
         if not isinstance(listed, list) or not 1 <= len(listed) <= 3:
-            raise ConfigurationError(f"{where}.axes: {listed!r} is not allowed; give a list of one to three axes")
+            raise _refusal(f"{where}.axes", listed, "a list of one to three axes")
         axes = tuple(_axis(axis, f"{where}.axes[{i}]") for i, axis in enumerate(listed))
     continuous = section.get("continuous", False)
     if not isinstance(continuous, bool):
-        raise ConfigurationError(f"{where}.continuous: {continuous!r} is not allowed; give true or false")
+        raise _refusal(f"{where}.continuous", continuous, "true or false")
     limits = None
     if "limits_deg" in section:
         pairs = section["limits_deg"] if len(axes) > 1 else [section["limits_deg"]]
         if not isinstance(pairs, list) or len(pairs) != len(axes):
-            raise ConfigurationError(f"{where}.limits_deg: {pairs!r} is not allowed; give [low, high] for each axis")
+            raise _refusal(f"{where}.limits_deg", pairs, "[low, high] for each axis")
         limits = tuple(_limits(pair, f"{where}.limits_deg") for pair in pairs)
     return Joint(name, section["parent"], section["child"], axes, limits, continuous)
 
@@ -152,9 +166,9 @@ def _sensor(name: str, values: Any, defaults: Mapping[str, Any]) -> Sensor:
     geometry = ("link", "position", "mounting", "topic", "mag_topic", "frame_id")
     scalars = tuple(SensorSettings.__dataclass_fields__)
     section = _section(values, where, geometry + scalars)
-    for key in ("link", "topic", "mag_topic", "frame_id"):
+    for key in ("link", "frame_id"):
         if not isinstance(section.get(key, ""), str):
-            raise ConfigurationError(f"{where}.{key}: {section[key]!r} is not allowed; give a text")
+            raise _refusal(f"{where}.{key}", section[key], "a text")
     chosen = {key: section[key] for key in scalars if key in section}
     settings = SensorSettings.from_mapping({**defaults, **chosen}, where)
     return Sensor(
@@ -171,8 +185,8 @@ def _sensor(name: str, values: Any, defaults: Mapping[str, Any]) -> Sensor:
         gyro_range=math.radians(settings.gyro_range_dps) or math.inf,
         accel_range=settings.accel_range_g * STANDARD_GRAVITY or math.inf,
         delay=settings.delay_ms * 1e-3,
-        topic=section.get("topic", f"imu/{name}"),
-        mag_topic=section.get("mag_topic", f"mag/{name}"),
+        topic=_topic(section.get("topic", f"imu/{name}"), f"{where}.topic"),
+        mag_topic=_topic(section.get("mag_topic", f"mag/{name}"), f"{where}.mag_topic"),
         frame_id=section.get("frame_id", ""),
     )
 
@@ -183,8 +197,12 @@ def _sensor(name: str, values: Any, defaults: Mapping[str, Any]) -> Sensor:
 def _section(value: Any, where: str, allowed: tuple[str, ...] | None = None) -> dict[str, Any]:
     if value is None:
         return {}
-    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
-        raise ConfigurationError(f"{where or 'configuration'}: {value!r} is not allowed; give keys with values")
+    where_or_all = where or "configuration"
+    if not isinstance(value, dict):
+        raise _refusal(where_or_all, value, "keys with values")
+    for key in value:
+        if not isinstance(key, str) or not key:
+            raise _refusal(f"{where_or_all}: the key", key, "a name, in quotes where YAML takes it for something else")
     if allowed is not None:
         reject_unknown(value, allowed, where)
     return value
@@ -192,7 +210,7 @@ def _section(value: Any, where: str, allowed: tuple[str, ...] | None = None) -> 
 
 def _numbers(value: Any, where: str, unit_name: str, length: int) -> list[float]:
     if not isinstance(value, list) or len(value) != length or not all(_is_number(v) for v in value):
-        raise ConfigurationError(f"{where}: {value!r} is not allowed; give {length} numbers ({unit_name})")
+        raise _refusal(where, value, f"{length} numbers ({unit_name})")
     return [float(v) for v in value]
 
 
@@ -206,16 +224,14 @@ def _axis(value: Any, where: str) -> Vec3:
         return _AXES[value]
     if isinstance(value, list) and len(value) == 3 and all(_is_number(v) for v in value):
         vector = (float(value[0]), float(value[1]), float(value[2]))
-        if norm(vector) > 1e-6:
+        if 1e-6 < norm(vector) < math.inf:
             return unit(vector)
-    raise ConfigurationError(
-        f"{where}: {value!r} is not allowed; give x, y, z, -x, -y, -z or three numbers, not all zero"
-    )
+    raise _refusal(where, value, "x, y, z, -x, -y, -z or three numbers, not all zero")
 
 
 def _limits(value: Any, where: str) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2 or not all(_is_number(v) for v in value) or value[0] >= value[1]:
-        raise ConfigurationError(f"{where}: {value!r} is not allowed; give [low, high] in degrees, low below high")
+        raise _refusal(where, value, "[low, high] in degrees, low below high")
     return math.radians(value[0]), math.radians(value[1])
 
 
@@ -229,30 +245,45 @@ def _mounting(value: Any, where: str) -> Quat:
     if "quaternion" in section:
         x, y, z, w = _numbers(section["quaternion"], f"{where}.quaternion", "x, y, z, w", 4)
         if abs(math.hypot(x, y, z, w) - 1.0) > 0.01:
-            raise ConfigurationError(
-                f"{where}.quaternion: {section['quaternion']!r} is not allowed; its length must be 1"
-            )
+            raise _refusal(f"{where}.quaternion", section["quaternion"], "x, y, z, w of length 1")
         return normalized((x, y, z, w))
     return IDENTITY
+
+
+def _topic(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not _TOPIC.fullmatch(value):
+        raise _refusal(where, value, "a topic: names of letters, digits and _ with / between, none begins with a digit")
+    return value
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _refusal(where: str, value: Any, allowed: str) -> ConfigurationError:
+    return ConfigurationError(f"{where}: {_shown.repr(value)} is not allowed; give {allowed}")
+
+
 class _StrictLoader(yaml.SafeLoader):
     """Refuses a key that is given twice, of which YAML would silently keep the last, and reads 1e-4 as a number."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        node = super().compose_mapping_node(anchor)
         seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=deep)
-            if key in seen:
-                raise ConfigurationError(f"line {key_node.start_mark.line + 1}: the key '{key}' is given twice")
-            seen.add(key)
-        return super().construct_mapping(node, deep=deep)
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
+                raise ConfigurationError(f"line {key.start_mark.line + 1}: the key '{key.value}' is given twice")
+            seen.add((key.tag, key.value if isinstance(key, yaml.ScalarNode) else id(key)))
+        return node
+
+    def construct_yaml_int(self, node: Any) -> int:
+        value = super().construct_yaml_int(node)
+        if abs(value) > _LARGEST_INTEGER:
+            raise ConfigurationError(f"line {node.start_mark.line + 1}: the number {_shown.repr(node.value)} is too large")
+        return value
 
 
+_StrictLoader.add_constructor("tag:yaml.org,2002:int", _StrictLoader.construct_yaml_int)
 _StrictLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),

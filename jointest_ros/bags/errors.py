@@ -6,10 +6,7 @@ from jointest_ros.core.errors import JointestError
 
 
 class BagError(JointestError):
-    """A recording cannot be found, read, understood or written. Always one line of text."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(" ".join(part.strip() for part in message.splitlines()))
+    """A recording cannot be found, read, understood or written."""
 
 
 class CdrError(BagError):

@@ -2,7 +2,10 @@
 
 
 class JointestError(Exception):
-    """Base of every error that bad input or a bad configuration can raise."""
+    """Base of every error that bad input or a bad configuration can raise. Always one line of text."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(part.strip() for part in message.splitlines()))
 
 
 class ConfigurationError(JointestError):

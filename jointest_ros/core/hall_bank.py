@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.hall_sensor import Curve, HallSensor, VoltageTable
+from jointest_ros.core.hall_sensor import HallSensor, VoltageTable
 
 
 class HallBank:
@@ -30,19 +30,15 @@ class HallBank:
         for number, sensor in enumerate(sensors):
             tables.setdefault(sensor.table, []).append(number)
         self._tables = [(table, np.array(numbers)) for table, numbers in tables.items()]
-        curves: dict[Curve, list[int]] = {}
-        for number, sensor in enumerate(sensors):
-            curves.setdefault(sensor.curve, []).append(number)
-        self._curves = [(curve, np.array(numbers)) for curve, numbers in curves.items()]
 
     def angles(self, volts: FloatArray) -> FloatArray:
         """Joint angles, rad, that readings (..., h) stand for."""
         shifted = volts - self.offset
-        if len(self._curves) == 1:
-            return self.sign * self._curves[0][0].angle(shifted)
+        if len(self._tables) == 1:
+            return self.sign * self._tables[0][0].angles(shifted)
         angles = np.empty_like(shifted)
-        for curve, numbers in self._curves:
-            angles[..., numbers] = curve.angle(shifted[..., numbers])
+        for table, numbers in self._tables:
+            angles[..., numbers] = table.angles(shifted[..., numbers])
         return self.sign * angles
 
     def voltages(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:

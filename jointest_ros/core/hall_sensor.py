@@ -183,11 +183,11 @@ class VoltageTable:
         volts = np.arange(low, high + _TABLE_ABOVE, _TABLE_STEP)
         angles, slopes = curve.angle(volts), np.maximum(curve.slope(volts), _LEAST_SLOPE)
         self._angle_nodes, self._inverse = _hermite(angles, volts, 1.0 / slopes)
-        volt_nodes, forward = _hermite(volts, angles, slopes)
+        self._volt_nodes, self._forward = _hermite(volts, angles, slopes)
         self._angle_list: list[float] = self._angle_nodes.tolist()
-        self._inverse_rows: list[tuple[float, ...]] = [tuple(row) for row in self._inverse.tolist()]
-        self._volt_list: list[float] = volt_nodes.tolist()
-        self._forward_rows: list[tuple[float, ...]] = [tuple(row) for row in forward.tolist()]
+        self._inverse_rows: list[tuple[float, ...]] = [tuple(row) for row in self._inverse.T.tolist()]
+        self._volt_list: list[float] = self._volt_nodes.tolist()
+        self._forward_rows: list[tuple[float, ...]] = [tuple(row) for row in self._forward.T.tolist()]
 
     def angle(self, volts: float) -> float:
         """theta_h, rad."""
@@ -201,9 +201,15 @@ class VoltageTable:
         x = angle - x0
         return c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2.0 * c2 + 3.0 * x * c3)
 
+    def angles(self, volts: FloatArray) -> FloatArray:
+        """`angle` of voltages of any shape."""
+        x0, c0, c1, c2, c3 = self._forward[:, self._volt_nodes.searchsorted(volts, "right")]
+        x = volts - x0
+        return np.asarray(c0 + x * (c1 + x * (c2 + x * c3)))
+
     def voltages(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`voltage` of angles of any shape."""
-        x0, c0, c1, c2, c3 = np.moveaxis(self._inverse[self._angle_nodes.searchsorted(angles, "right")], -1, 0)
+        x0, c0, c1, c2, c3 = self._inverse[:, self._angle_nodes.searchsorted(angles, "right")]
         x = angles - x0
         return c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2.0 * c2 + 3.0 * x * c3)
 
@@ -214,10 +220,10 @@ def _table(curve: Curve, low: float, high: float) -> VoltageTable:
 
 
 def _hermite(x: FloatArray, y: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Nodes (n,) and rows (n + 1, 5) of x0 and the coefficients of y in powers of x - x0; row k lies before node k."""
+    """Nodes (n,), and (5, n + 1) x0 and coefficients of y in powers of x - x0; column k is for x before node k."""
     step, rise = np.diff(x), np.diff(y) / np.diff(x)
     quadratic = (3.0 * rise - 2.0 * slope[:-1] - slope[1:]) / step
     cubic = (slope[:-1] + slope[1:] - 2.0 * rise) / step**2
     inside = np.column_stack([x[:-1], y[:-1], slope[:-1], quadratic, cubic])
     before, after = ([[x[k], y[k], slope[k], 0.0, 0.0]] for k in (0, -1))
-    return x, np.vstack([before, inside, after])
+    return x, np.ascontiguousarray(np.vstack([before, inside, after]).T)

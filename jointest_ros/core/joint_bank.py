@@ -179,8 +179,9 @@ class CoupledBank:
             readings = np.array(hall, dtype=float)[self._take]
             present = readings == readings
             used = self.filter.hall.usable(readings, gated=self._in_volts)
-            for number in np.flatnonzero(present & ~used).tolist():
-                self._gated[self._indices[number]] += 1
+            if not used.all():
+                for number in np.flatnonzero(present & ~used).tolist():
+                    self._gated[self._indices[number]] += 1
             if not known:
                 used &= ~np.array([c.waiting for c in self._coordinates])[self._coordinate_of]
             if not self._in_volts:

@@ -81,6 +81,7 @@ class CoupledFilter:
         self.covariance[:m, :m] = angle**2 * self.noise.angle_prior
         self.covariance[m : m + d, m : m + d] = bias**2 * self._bias_prior()
         self.covariance[m + d :, m + d :] = offset**2 * np.eye(offsets)
+        self._steep = True
         self._unsettle()
 
     def _biases(self) -> int:
@@ -96,6 +97,7 @@ class CoupledFilter:
         self.covariance[:m] = 0.0
         self.covariance[:, :m] = 0.0
         self.covariance[:m, :m] = self._start[0] ** 2 * self.noise.angle_prior
+        self._steep = True  # the curve may bend within the prior: readings are taken by Gauss and Newton's iteration
         self._unsettle()
 
     def _unsettle(self) -> None:
@@ -170,26 +172,35 @@ class CoupledFilter:
         """Remove the rounding of one digit by which the block of the angles is not symmetric."""
         m = self.m
         block = self.covariance[:m, :m]
-        block[...] = 0.5 * (block + block.T)
+        block += block.T
+        block *= 0.5
         if spread is not None:
             block[range(m), range(m)] += spread
+            self._steep = True
 
     def _correct(self, readings: FloatArray, used: NDArray[np.bool_]) -> None:
-        at = self._coordinate[used]
-        readings, variance = readings[..., used], self._variance[used]
+        at, variance = self._coordinate, self._variance
+        some = not used.all()
+        if some:
+            at, variance, readings = at[used], variance[used], readings[..., used]
         p = self.covariance
         if not self._volts:
             crossed = p[:, at]
             self._apply(crossed, crossed[at], variance, readings - self.x[..., at])
             return
-        prior, point = self.x, self.x
-        iterate = bool((p.diagonal()[: self.m] > ITERATE_ABOVE).any())
         offsets = None
         if self._offset_walk is not None:
             offsets = self.m + self.d + np.flatnonzero(used)
-        for _ in range(ITERATIONS if iterate else 1):
-            expected, slope = (v[used] for v in self.hall.voltages(point[self._coordinate]))
-            innovation = readings - expected - slope * (prior[at] - point[at])
+        if self._steep:
+            self._steep = bool((p.diagonal()[: self.m] > ITERATE_ABOVE).any())
+        prior = point = self.x
+        for left in range(ITERATIONS if self._steep else 0, -1, -1):
+            expected, slope = self.hall.voltages(point[self._coordinate])
+            if some:
+                expected, slope = expected[used], slope[used]
+            innovation = readings - expected
+            if point is not prior:
+                innovation -= slope * (prior[at] - point[at])
             crossed = p[:, at] * slope
             if offsets is not None:
                 innovation -= prior[offsets]
@@ -197,7 +208,7 @@ class CoupledFilter:
             total = slope[:, None] * crossed[at]
             if offsets is not None:
                 total += crossed[offsets]
-            if not iterate:
+            if not left:
                 break
             gain = np.linalg.solve(total + np.diag(variance), crossed.T).T
             before, point = point, prior + gain @ innovation
@@ -252,5 +263,6 @@ class CoupledFilter:
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
         self._unsettle()
+        self._steep = True
         self.x = np.array(state["x"], dtype=self._dtype)
         self.covariance = np.array(state["covariance"], dtype=self._dtype)

@@ -1,17 +1,21 @@
 """The KCKF of joints with two or three axes, and of hinges that also use the gyro components off their axis.
 
 As `kckf_coupled`, with the biases of all gyros (3 g, link frames) as states, because the bias of a relative rate turns
-with the joint. In the names of linkage_rates.py, for each joint at the middle of the interval:
+with the joint. The rates th' of linkage_rates.py, at the middle of the interval and from gyros without their biases, are
+linearised in gyros and angles (A = d th' / d th):
 
-rate      theta_i' = d_i . (w_child - b_child - R^T (w_parent - b_parent))
-slope     d theta_i' / d theta_j = d_i . t_j,  t_j = c_j x (R^T w_parent + sum_{l < j} theta_l' c_l)
-off axis  0 = p . (w_child - b_child - R^T (w_parent - b_parent)) for every p perpendicular to all c_i: when the base
-          moves, these rates tell the angle; slope p . t_j. Their noise is that of the gyros, which also drives the
-          prediction (its cross-covariance is taken into account), and of gyros that are misaligned by `alignment`.
+        | -s2 m2 / c2   (s2 g1 + m3) / c2^2    -g2 / c2   |
+    A = |   -m3                 0                  g1     |
+        |  m2 / c2     -(g1 + s2 m3) / c2^2   s2 g2 / c2  |
+
+Off-axis rates: those of locked axes are 0 but for noise. When the base moves, they tell the angles of the others. Their
+noise is that of the gyros, which also drives the prediction (its cross-covariance is taken into account), and that of
+gyros which are misaligned by `alignment`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,82 +24,91 @@ import numpy as np
 from jointest_ros.core.frame import FloatArray, Vec3
 from jointest_ros.core.kckf_coupled import CoupledFilter
 from jointest_ros.core.linkage import Linkage
-from jointest_ros.core.linkage_rates import Columns, joint_frame, relative_rate
-from jointest_ros.core.rotation import cross, dot, norm, perpendicular, rotate, unit
-
-Rows = list[list[float]]
+from jointest_ros.core.linkage_rates import JointFrame, secant
+from jointest_ros.core.rotation import norm
 
 
 class ChainMotion:
     """The equations of the module text, linearised for one interval.
 
     Attributes:
-        rates: (m) rad/s, before biases are subtracted.
+        rates: (m) rad/s, biases subtracted.
         rows: (m, 3 g), rates by gyro components.
         slopes: (m, m), rates by angles.
-        residuals, residual_rows, residual_slopes, residual_scale: (r), (r, 3 g), (r, m), (r): of the off-axis rates, and
-            the rate of the parent at which a misalignment acts, rad/s.
+        residuals, residual_rows, residual_slopes: (r), (r, 3 g), (r, m): of the r locked axes; none unless `off_axis`.
+        residual_scale: (r) rate of the parent, at which a misalignment acts, rad/s.
     """
 
     def __init__(self, linkage: Linkage, off_axis: bool) -> None:
         self._off_axis = off_axis
-        self._joints: list[tuple[Columns, int, int, int]] = []
+        self._joints: list[tuple[JointFrame, int, int, int]] = []
+        n, width = len(linkage.joints), 3 * len(linkage.links)
+        active: list[int] = []
+        rows, slopes = [], []
         start = 0
-        for joint in linkage.joints:
-            self._joints.append((joint.axes, start, *linkage.ends[start]))
+        for number, joint in enumerate(linkage.joints):
+            parent, child = linkage.ends[start]
+            self._joints.append((JointFrame.of(joint.axes), start, parent, child))
+            both = [*range(3 * child, 3 * child + 3), *range(3 * parent, 3 * parent + 3)]
+            own = range(3 * number, 3 * number + 3)
+            rows += [row * width + column for row in own for column in both]
+            slopes += [row * 3 * n + column for row in own for column in own]
+            active += own[: len(joint.axes)]
             start += len(joint.axes)
-        residuals = sum(3 - len(joint.axes) for joint in linkage.joints) if off_axis else 0
-        self.rates = [0.0] * start
-        self.rows = np.zeros((start, 3 * len(linkage.links)))
-        self.slopes = np.zeros((start, start))
-        self.residuals = np.zeros(residuals)
-        self.residual_rows = np.zeros((residuals, self.rows.shape[1]))
-        self.residual_slopes = np.zeros((residuals, start))
-        self.residual_scale = np.zeros(residuals)
+        # all three axes of every joint; the locked ones among them
+        self._all_rows, self._all_slopes = np.zeros((3 * n, width)), np.zeros((3 * n, 3 * n))
+        self._row_places, self._slope_places = np.array(rows), np.array(slopes)
+        self._active = np.array(active)
+        self._locked = np.setdiff1d(np.arange(3 * n), active) if off_axis else np.empty(0, dtype=np.int64)
+        self._joint_of_locked = self._locked // 3
+        self.linearise([(0.0, 0.0, 0.0)] * len(linkage.links), [0.0] * width, [0.0] * len(active))
 
     def linearise(self, gyro: Sequence[Vec3], bias: Sequence[float], angles: Sequence[float]) -> None:
         """At the gyros of g links (rad/s, link frames), their biases (3 g) and the angles (m) of mid-interval."""
-        row = 0
-        for axes, start, parent, child in self._joints:
-            k, p, c = len(axes), 3 * parent, 3 * child
-            rotation, columns, duals = joint_frame(axes, angles[start : start + k])
-            inner, outer = gyro[parent], gyro[child]
-            b, e = bias[p : p + 3], bias[c : c + 3]
-            relative = relative_rate(rotation, inner, outer)
-            carried = (inner[0] - b[0], inner[1] - b[1], inner[2] - b[2])
-            x, y, z = relative_rate(rotation, carried, (outer[0] - e[0], outer[1] - e[1], outer[2] - e[2]))
-            corrected = (x, y, z)
-            # R^T w_parent of the corrected rates
-            x, y, z = outer[0] - e[0] - x, outer[1] - e[1] - y, outer[2] - e[2] - z
-            levers: list[Vec3] = []
-            for column, dual in zip(columns, duals, strict=True):
-                levers.append(cross(column, (x, y, z)))
-                rate = dot(dual, corrected)
-                x, y, z = x + rate * column[0], y + rate * column[1], z + rate * column[2]
-            part = slice(start, start + k)
-            self.rates[part] = [dot(dual, relative) for dual in duals]
-            self.rows[part, c : c + 3] = duals
-            self.rows[part, p : p + 3] = [_negative(rotate(rotation, dual)) for dual in duals]
-            if k > 1:
-                self.slopes[part, part] = [[dot(dual, lever) for lever in levers] for dual in duals]
-            if self._off_axis:
-                for normal in _normals(columns):
-                    self.residuals[row] = dot(normal, relative)
-                    self.residual_rows[row, c : c + 3] = normal
-                    self.residual_rows[row, p : p + 3] = _negative(rotate(rotation, normal))
-                    self.residual_slopes[row, part] = [dot(normal, lever) for lever in levers]
-                    self.residual_scale[row] = norm(carried)
-                    row += 1
-
-
-def _negative(a: Vec3) -> Vec3:
-    return (-a[0], -a[1], -a[2])
-
-
-def _normals(columns: Columns) -> tuple[Vec3, ...]:
-    if len(columns) == 1:
-        return perpendicular(columns[0])
-    return (unit(cross(columns[0], columns[1])),) if len(columns) == 2 else ()
+        true = [
+            (x - bias[k], y - bias[k + 1], z - bias[k + 2])
+            for k, (x, y, z) in zip(range(0, len(bias), 3), gyro, strict=True)
+        ]
+        rates: list[float] = []
+        rows: list[float] = []
+        slopes: list[float] = []
+        for frame, start, parent, child in self._joints:
+            k, e = frame.axes, frame.sign
+            th1 = angles[start]
+            th2 = angles[start + 1] if k > 1 else 0.0
+            th3 = e * angles[start + 2] if k > 2 else 0.0
+            px, py, pz = frame.components(true[parent])
+            wx, wy, wz = frame.components(true[child])
+            s1, c1, s3, c3 = math.sin(th1), math.cos(th1), math.sin(th3), math.cos(th3)
+            s2, h = math.sin(th2), secant(th2)
+            t, eh = h * s2, e * h
+            m2, m3 = c1 * py + s1 * pz, c1 * pz - s1 * py
+            g1, g2 = c3 * wx - s3 * wy, s3 * wx + c3 * wy
+            rates += (h * g1 + t * m3 - px, g2 - m2, e * (wz - t * g1 - h * m3))
+            rows += frame.vector(h * c3, -h * s3, 0.0)
+            rows += frame.vector(-1.0, -t * s1, t * c1)
+            rows += frame.vector(s3, c3, 0.0)
+            rows += frame.vector(0.0, -c1, -s1)
+            rows += frame.vector(-e * t * c3, e * t * s3, e)
+            rows += frame.vector(0.0, eh * s1, -eh * c1)
+            slopes += (-t * m2, h * (t * g1 + h * m3), -eh * g2)
+            slopes += (-m3, 0.0, e * g1)
+            slopes += (eh * m2, -eh * (h * g1 + t * m3), t * g2)
+        self._all_rows.put(self._row_places, rows)
+        self._all_slopes.put(self._slope_places, slopes)
+        if len(self._active) == len(rates):
+            self.rates, self.rows, self.slopes = rates, self._all_rows, self._all_slopes
+        else:
+            self.rates = [rates[k] for k in self._active]
+            self.rows = self._all_rows[self._active]
+            self.slopes = self._all_slopes[self._active[:, None], self._active]
+        locked = self._locked
+        self.residuals = np.array(rates)[locked]
+        if len(locked):
+            self.residual_rows = self._all_rows[locked]
+            self.residual_slopes = self._all_slopes[locked[:, None], self._active]
+            parents = np.array([norm(true[parent]) for _, _, parent, _ in self._joints])
+            self.residual_scale = parents[self._joint_of_locked]
 
 
 class MotionFilter(CoupledFilter):
@@ -120,6 +133,10 @@ class MotionFilter(CoupledFilter):
         self._gyro_noise, self._gyro_walk, self._alignment = gyro_noise, gyro_walk, alignment
         super().__init__(*args, **kwargs)
         self._settles = False
+        m, n = self.m, len(self.x)
+        self._identity, self._no_bias = np.eye(m), np.zeros(m)
+        self._step = np.empty((m, m + self.d))
+        self._bias_diagonal = np.arange(m, m + self.d) * (n + 1)
 
     def _biases(self) -> int:
         return len(self._gyro_noise)
@@ -128,22 +145,24 @@ class MotionFilter(CoupledFilter):
         return 0.5 * np.eye(self.d)  # so that the difference of two has the variance asked for
 
     def rate_biases(self) -> FloatArray:
-        """(m,) biases of the joint rates in the present posture, rad/s."""
-        return np.asarray(self.motion.rows @ self.x[self.m : self.m + self.d])
+        """(m,) zeros: the rates of `ChainMotion` have none."""
+        return self._no_bias
 
     def _predict_state(self, dt: float, rates: FloatArray) -> None:
-        self.x[: self.m] += dt * (rates - self.rate_biases())
+        self.x[: self.m] += dt * rates
 
     def _predict_covariance(self, dt: float, spread: FloatArray | None) -> None:
         m, both = self.m, self.m + self.d
-        rows, p = self.motion.rows, self.covariance
-        step = np.concatenate([dt * self.motion.slopes, -dt * rows], axis=1)
-        step[range(m), range(m)] += 1.0
+        rows, step, p = self.motion.rows, self._step, self.covariance
+        np.multiply(self.motion.slopes, dt, out=step[:, :m])
+        step[:, :m] += self._identity
+        np.multiply(rows, -dt, out=step[:, m:])
         moved = step @ p[:both]
         p[:m, m:] = moved[:, m:]
         p[m:, :m] = moved[:, m:].T
-        p[:m, :m] = moved[:, :both] @ step.T + (rows * (dt * self._gyro_noise)) @ rows.T
-        p[range(m, both), range(m, both)] += dt * self._gyro_walk
+        p[:m, :m] = moved[:, :both] @ step.T
+        p[:m, :m] += (rows * (dt * self._gyro_noise)) @ rows.T
+        p.flat[self._bias_diagonal] += dt * self._gyro_walk
         self._add_offset_walk(p, dt)
         self._finish_prediction(spread)
         if len(self.motion.residuals):
@@ -160,5 +179,4 @@ class MotionFilter(CoupledFilter):
         crossed[:m] += common
         by_noise = by_state[:, :m] @ common
         total += by_noise + by_noise.T
-        innovation = motion.residual_rows @ self.x[m:both] - motion.residuals
-        self._apply(crossed, total, (self._alignment * motion.residual_scale) ** 2, innovation)
+        self._apply(crossed, total, (self._alignment * motion.residual_scale) ** 2, -motion.residuals)

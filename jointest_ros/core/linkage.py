@@ -10,7 +10,7 @@ import numpy as np
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray, Vec3
 from jointest_ros.core.robot import Joint, Robot, Sensor
-from jointest_ros.core.rotation import cross, dot, norm
+from jointest_ros.core.rotation import dot
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def serial_linkage(robot: Robot) -> Linkage:
 
     Raises:
         ConfigurationError: there is no Hall sensor, the joints that bear them are not in series, a link of the chain
-            has no gyro, or two axes of one joint are parallel.
+            has no gyro, or the axes of one joint are not perpendicular.
     """
     wanted = _hall_joints(robot)
     to_parent = {joint.child: joint for joint in robot.joints}
@@ -81,7 +81,7 @@ def gyro_linkage(robot: Robot) -> Linkage:
     """All joints with a gyro on either side.
 
     Raises:
-        ConfigurationError: there are none, or two axes of one joint are parallel.
+        ConfigurationError: there are none, or the axes of one joint are not perpendicular.
     """
     borne = {sensor.link for sensor in robot.sensors if sensor.gyro}
     joints = [joint for joint in robot.ordered_joints if joint.parent in borne and joint.child in borne]
@@ -130,12 +130,6 @@ def _gyro_on(robot: Robot, link: str) -> Sensor:
 
 
 def _check_axes(joint: Joint) -> None:
-    axes = joint.axes
-    if len(axes) == 2:
-        independent = norm(cross(axes[0], axes[1])) > 0.1
-    else:
-        independent = len(axes) == 1 or abs(dot(cross(axes[0], axes[1]), axes[2])) > 0.1
-    if not independent:
-        raise ConfigurationError(
-            f"joint '{joint.name}'.axes: {axes} lie (nearly) in a line or plane; give independent axes"
-        )
+    pairs = [(a, b) for number, a in enumerate(joint.axes) for b in joint.axes[number + 1 :]]
+    if any(abs(dot(a, b)) > 1e-6 for a, b in pairs):
+        raise ConfigurationError(f"joint '{joint.name}'.axes: {joint.axes} are not perpendicular to each other")

@@ -4,27 +4,31 @@ Errata of Yumbla et al. 2023, (2), (9), (10): theta' = w_child - R^T w_parent, R
 the component along its axis needs no R; for a joint of two or three axes it does. With `composed=False` R is left out,
 as the paper does.
 
-A joint R = exp(th_1 a_1) .. exp(th_k a_k) turns at sum th_i' c_i in the child's frame, c_i the axis a_i carried there by
-the later turns. d_i is the dual basis of c_i: th_i' = d_i . (w_child - R^T w_parent).
+A joint of three perpendicular axes, taken as x, y, z: R = Rx(th1) Ry(th2) Rz(th3), with the parent's rate p, the
+child's w, m = Rx^T p and g = Rz w:
+
+    th1' = (g1 + s2 m3) / c2 - p1,    th2' = g2 - m2,    th3' = w3 - (s2 g1 + m3) / c2
+
+A joint of fewer axes is one whose other angles are 0; the rates of these are 0, and what the gyros say of them is noise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray, Quat, Recording, Vec3
 from jointest_ros.core.linkage import Linkage
 from jointest_ros.core.robot import Sensor
-from jointest_ros.core.rotation import IDENTITY, cross, dot, multiply, rotate, rotate_inverse
+from jointest_ros.core.rotation import IDENTITY, cross, dot, perpendicular, rotate, rotate_inverse
 
 NAN = math.nan
 MISSING: Vec3 = (NAN, NAN, NAN)
-_LEAST_DETERMINANT = 0.02  # of the columns c: closer to gimbal lock the rates are damped
-
-Columns = Sequence[Vec3]
+_LEAST_COSINE = 0.02  # of the second angle: closer to gimbal lock the rates are damped
+_XYZ = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class GyroDifferences:
@@ -87,56 +91,79 @@ def turn(axis: Vec3, angle: float) -> Quat:
     return (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * angle))
 
 
-def joint_frame(axes: Columns, angles: Sequence[float]) -> tuple[Quat, list[Vec3], list[Vec3]]:
-    """Rotation child to parent, the columns c and their dual basis d (both in the child's frame) of one joint."""
-    rotation = turn(axes[-1], angles[-1])
-    columns = [axes[-1]]
-    for axis, angle in zip(axes[-2::-1], angles[-2::-1], strict=True):
-        columns.insert(0, rotate_inverse(rotation, axis))
-        rotation = multiply(turn(axis, angle), rotation)
-    return rotation, columns, _dual(columns)
+@dataclass(frozen=True)
+class JointFrame:
+    """Right-handed basis of a joint whose axes are perpendicular, completed to three; the added ones are locked.
 
+    Attributes:
+        axes: how many axes the joint has; the rest is locked at 0.
+        basis: three unit vectors, or None for x, y, z.
+        sign: -1 where the third axis of the joint is the negative of the basis.
+    """
 
-def _dual(c: Columns) -> list[Vec3]:
-    if len(c) == 1:
-        return [c[0]]
-    if len(c) == 2:
-        cosine = dot(c[0], c[1])
-        scale = 1.0 / (1.0 - cosine * cosine)
-        return [_combined(scale, c[0], -scale * cosine, c[1]), _combined(scale, c[1], -scale * cosine, c[0])]
-    first = cross(c[1], c[2])
-    determinant = dot(c[0], first)
-    if abs(determinant) < _LEAST_DETERMINANT:
-        determinant = math.copysign(_LEAST_DETERMINANT, determinant)
-    scale = 1.0 / determinant
-    return [(v[0] * scale, v[1] * scale, v[2] * scale) for v in (first, cross(c[2], c[0]), cross(c[0], c[1]))]
+    axes: int
+    basis: tuple[Vec3, Vec3, Vec3] | None
+    sign: float
 
+    @classmethod
+    def of(cls, axes: Sequence[Vec3]) -> JointFrame:
+        """For one to three perpendicular unit vectors."""
+        first = axes[0]
+        second = axes[1] if len(axes) > 1 else perpendicular(first)[0]
+        third = cross(first, second)
+        sign = -1.0 if len(axes) == 3 and dot(third, axes[2]) < 0.0 else 1.0
+        basis = (first, second, third)
+        return cls(len(axes), None if basis == _XYZ else basis, sign)
 
-def _combined(a: float, v: Vec3, b: float, w: Vec3) -> Vec3:
-    return (a * v[0] + b * w[0], a * v[1] + b * w[1], a * v[2] + b * w[2])
+    def components(self, a: Vec3) -> Vec3:
+        """Of a vector given in link axes."""
+        return a if self.basis is None else (dot(self.basis[0], a), dot(self.basis[1], a), dot(self.basis[2], a))
 
-
-def relative_rate(rotation: Quat, parent: Vec3, child: Vec3) -> Vec3:
-    """w_child - R^T w_parent, child's frame, rad/s."""
-    x, y, z = rotate_inverse(rotation, parent)
-    return (child[0] - x, child[1] - y, child[2] - z)
+    def vector(self, x: float, y: float, z: float) -> Vec3:
+        """In link axes, of components."""
+        if self.basis is None:
+            return (x, y, z)
+        a, b, c = self.basis
+        return (
+            a[0] * x + b[0] * y + c[0] * z,
+            a[1] * x + b[1] * y + c[1] * z,
+            a[2] * x + b[2] * y + c[2] * z,
+        )
 
 
 class ComposedRates:
-    """Rates of all coordinates from the gyros of the links and the present angles."""
+    """Rates of all coordinates from the gyros of the links and the present angles: the equations of the module text."""
 
     def __init__(self, linkage: Linkage) -> None:
-        self._joints: list[tuple[Columns, slice, int, int]] = []
+        self._joints = []
         start = 0
         for joint in linkage.joints:
-            self._joints.append((joint.axes, slice(start, start + len(joint.axes)), *linkage.ends[start]))
+            self._joints.append((JointFrame.of(joint.axes), start, *linkage.ends[start]))
             start += len(joint.axes)
 
     def __call__(self, link_rates: Sequence[Vec3], angles: Sequence[float]) -> list[float]:
         """(m) rad/s; NaN where a gyro is missing."""
         rates: list[float] = []
-        for axes, part, parent, child in self._joints:
-            rotation, _, dual = joint_frame(axes, angles[part])
-            relative = relative_rate(rotation, link_rates[parent], link_rates[child])
-            rates += [dot(d, relative) for d in dual]
+        for frame, start, parent, child in self._joints:
+            k, e = frame.axes, frame.sign
+            th1 = angles[start]
+            th2 = angles[start + 1] if k > 1 else 0.0
+            th3 = e * angles[start + 2] if k > 2 else 0.0
+            px, py, pz = frame.components(link_rates[parent])
+            wx, wy, wz = frame.components(link_rates[child])
+            s1, c1, s3, c3 = math.sin(th1), math.cos(th1), math.sin(th3), math.cos(th3)
+            s2, h = math.sin(th2), secant(th2)
+            m3, g1 = c1 * pz - s1 * py, c3 * wx - s3 * wy
+            whole = (
+                h * (g1 + s2 * m3) - px,
+                s3 * wx + c3 * wy - c1 * py - s1 * pz,
+                e * (wz - h * (s2 * g1 + m3)),
+            )
+            rates += whole[:k]
         return rates
+
+
+def secant(angle: float) -> float:
+    """1 / cos, limited near gimbal lock."""
+    cosine = math.cos(angle)
+    return 1.0 / (cosine if abs(cosine) > _LEAST_COSINE else math.copysign(_LEAST_COSINE, cosine))

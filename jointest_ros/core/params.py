@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
+import sys
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -99,7 +99,7 @@ def _checked(spec: dataclasses.Field[Any], kind: Any, value: Any) -> Any:
     right_type = isinstance(value, int if integer else (int, float)) and not isinstance(value, bool)
     if (
         not right_type
-        or not math.isfinite(value)
+        or not abs(value) <= sys.float_info.max  # false for NaN, infinity and whole numbers that are no float
         or (meta["low"] is not None and value < meta["low"])
         or (meta["high"] is not None and value > meta["high"])
     ):

@@ -20,9 +20,10 @@ from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Series, Status, Vec3
 from jointest_ros.core.params import Params, param
-from jointest_ros.core.pcf_hinge import HingeFilter, HingeNoise
-from jointest_ros.core.pcf_pair import AbsoluteImu, AbsolutePair, RelativePair
 from jointest_ros.core.pcf_attitude import STILL, Gains
+from jointest_ros.core.pcf_hinge import HingeFilter, HingeNoise
+from jointest_ros.core.pcf_imu import AbsoluteImu, Gaps
+from jointest_ros.core.pcf_pair import UNKNOWN_VARIANCE, AbsolutePair, RelativePair
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.core.timing import Timing
@@ -93,6 +94,8 @@ class PcfParams(Params):
 
 
 _START = 5_000_000_000  # ns: a still phase that begins later is not the start
+_BLOCK = 32768  # rows that are Python floats at the same time
+_UNCALIBRATED = int(Status.UNCALIBRATED)
 
 
 class Pcf(Estimator):
@@ -101,39 +104,39 @@ class Pcf(Estimator):
     name = "pcf"
     Params = PcfParams
     params: PcfParams
+    calibrated: bool  # gyro biases were measured at rest
+    stillness: Stillness
+    _watching: bool  # for the still start
+    _first_window: int | None  # ns, end of the first one
+    _variance: tuple[float, ...]
 
     def __init__(self, robot: Robot, params: PcfParams | None = None, timing: Timing | None = None) -> None:
         super().__init__(robot, params, timing)
         p = self.params
-        self.joints = robot.coordinates
         gains = Gains(p.kp, p.ki, p.accel_weight, p.mag_weight)
-        gap_rate, max_gap = math.radians(p.gap_rate_dps), self.timing.max_gap
+        gaps = Gaps(self.timing.max_gap, self.timing.stale_after, math.radians(p.gap_rate_dps))
         used = [(j, self._imu_on(j, j.parent), self._imu_on(j, j.child)) for j in robot.ordered_joints]
-        imus = {sensor.name: sensor for _, *pair in used for sensor in pair}
-        if p.formulation == "absolute":
-            imus.update({sensor.name: sensor for sensor in robot.sensors if sensor.gyro and sensor.accel})
-        if not imus:
-            raise ConfigurationError(
-                "robot: no joints between IMUs; pcf needs joints, or formulation: absolute and an IMU"
-            )
+        self.joints = tuple(name for joint, *_ in used for name in joint.coordinates)
         self._imus: dict[str, AbsoluteImu] = {}
         self._filters: list[HingeFilter | RelativePair | AbsolutePair] = []
         if p.formulation == "absolute":
-            self._imus = {name: AbsoluteImu(sensor, gains, max_gap) for name, sensor in imus.items()}
+            sensors = [sensor for sensor in robot.sensors if sensor.gyro and sensor.accel]
+            self._imus = {sensor.name: AbsoluteImu(sensor, gains, gaps) for sensor in sensors}
         for joint, parent, child in used:
             if p.formulation == "absolute":
-                pair = self._imus[parent.name], self._imus[child.name]
-                self._filters.append(AbsolutePair(joint, *pair, gains, gap_rate, max_gap))
+                below = [self._imus[self._imu_on(j, j.child).name] for j in robot.joints_below(joint.child)]
+                one, two = self._imus[parent.name], self._imus[child.name]
+                self._filters.append(AbsolutePair(joint, one, two, below, gains, gaps))
             elif p.formulation == "hinge" and len(joint.axes) == 1:
-                self._filters.append(HingeFilter(joint, parent, child, self._hinge_noise()))
+                self._filters.append(HingeFilter(joint, parent, child, self._hinge_noise(), gaps))
             else:
-                self._filters.append(RelativePair(joint, parent, child, gains, gap_rate, max_gap))
-        self.joints = tuple(name for joint, *_ in used for name in joint.coordinates)
+                self._filters.append(RelativePair(joint, parent, child, gains, gaps))
+        if not self._imus and not self._filters:
+            raise ConfigurationError(
+                "robot: no joints between IMUs; pcf needs joints, or formulation: absolute and an IMU"
+            )
+        self._hinges = [one for one in self._filters if isinstance(one, HingeFilter)]
         self._floor = math.radians(p.floor_deg) ** 2
-        self._stale_after = round(self.timing.stale_after * 1e9)
-        self._watching = False
-        self._first_window: int | None = None
-        self._variance: tuple[float, ...] = ()
         self.reset()
 
     def _imu_on(self, joint: Joint, link: str) -> Sensor:
@@ -150,9 +153,7 @@ class Pcf(Estimator):
             bias_walk=math.radians(p.bias_walk_dps),
             bias_std=math.radians(p.bias_std_dps),
             calibrated_bias_std=math.radians(p.calibrated_bias_std_dps),
-            gap_rate=math.radians(p.gap_rate_dps),
             gravity_cone=math.radians(p.gravity_cone_deg),
-            max_gap=self.timing.max_gap,
             accel_weight=p.accel_weight,
             mag_weight=p.mag_weight,
         )
@@ -172,22 +173,19 @@ class Pcf(Estimator):
         status: list[int] = []
         for joint_filter in self._filters:
             q, v, p, flags = joint_filter.update(frame)
-            last = joint_filter.stamp
-            if last is None or frame.stamp - last > self._stale_after:
-                flags |= Status.STALE
-            if not self.calibrated:
-                flags |= Status.UNCALIBRATED
             position += q
             velocity += v
-            variance += [one + self._floor for one in p]
-            status += [int(flags)] * len(q)
+            variance += p
+            status += flags
+        floor, uncalibrated = self._floor, 0 if self.calibrated else _UNCALIBRATED
+        self._variance = tuple([one + floor for one in variance])
+        flags = tuple([one | uncalibrated for one in status])
         orientation = {name: imu.attitude.rotation for name, imu in self._imus.items() if imu.stamp == frame.stamp}
-        self._variance = tuple(variance)
         still = self.stillness.update(frame)
         if still is not None and self._watching:
             self._calibrate_start(frame.stamp, still)
         return Estimate(
-            frame.stamp, tuple(position), tuple(velocity), self._variance, tuple(status), orientation=orientation
+            frame.stamp, tuple(position), tuple(velocity), self._variance, flags, orientation=orientation
         )
 
     def _calibrate_start(self, stamp: int, still: bool) -> None:
@@ -203,19 +201,23 @@ class Pcf(Estimator):
 
     def run(self, recording: Recording) -> Series:
         """Estimates of a stretch of frames; hinges by arrays. Equal to `update` in a loop."""
-        hinges = [f for f in self._filters if isinstance(f, HingeFilter)]
-        if self._watching or len(hinges) < len(self._filters) or self.params.mag_weight:
+        if len(self._hinges) < len(self._filters) or self.params.mag_weight:
             return super().run(recording)
-        return self._run_hinges(recording, hinges)
+        series, start = [], 0
+        for stop, still in self.stillness.run(recording):
+            if self._watching:
+                series.append(self._run_hinges(recording.part(start, stop)))
+                self._calibrate_start(int(recording.stamps[stop - 1]), still)
+                start = stop
+        rest = recording.part(start, len(recording))
+        return Series.concatenate(series + [self._run_hinges(part) for part in rest.parts(_BLOCK)])
 
-    def _run_hinges(self, recording: Recording, hinges: list[HingeFilter]) -> Series:
-        columns = [hinge.run(recording, self._stale_after) for hinge in hinges]
+    def _run_hinges(self, recording: Recording) -> Series:
+        columns = [hinge.run(recording) for hinge in self._hinges]
         position, velocity, variance, status = (np.column_stack(table) for table in zip(*columns, strict=True))
         variance += self._floor
-        if not self.calibrated:
-            status |= int(Status.UNCALIBRATED)
-        if len(recording):
-            self._variance = tuple(variance[-1].tolist())
+        status |= 0 if self.calibrated else _UNCALIBRATED
+        self._variance = tuple(variance[-1].tolist())
         return Series(recording.stamps, position, velocity, variance, status)
 
     # ------------------------------------------------------------- calibrations
@@ -264,7 +266,7 @@ class Pcf(Estimator):
         self.calibrated = False
         self._watching = p.still_start > 0.0
         self._first_window = None
-        self._variance = ()
+        self._variance = (UNKNOWN_VARIANCE,) * len(self.joints)
         for one in (*self._imus.values(), *self._filters):
             one.reset()
 

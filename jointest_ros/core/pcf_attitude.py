@@ -2,8 +2,8 @@
 
 State        R (quaternion): frame B2 to frame B1 of a pair, or sensor to world for one IMU; integral I (rad/s), which
              settles at minus the gyro bias.
-Prediction   R+ = exp(-[W1]x dt) R exp([W2 + I]x dt): (17), (18) with W = W2 - R^T W1, but exact while B1 turns; the
-             gyros W are mean rates over the interval that ends now.
+Prediction   W = W2 + I - R^T W1, R+ = R exp([W + dt/2 W2 x R^T W1]x dt)                   (17), (18); the second term
+             makes it exact to the third order while both frames turn. Gyros are mean rates since the last sample.
 Correction   e = weight_a (a2 x R+^T a1) + weight_m (m2 x R+^T m1), vectors at length 1    (19), (20)
              I += Ki e dt,  R = R+ exp([Kp e]x dt)                                         Alg. 2 steps 8 to 11
 For one IMU, B1 is the world: W1 = 0, a1 = +up, m1 = the field turned into the vertical plane through north (y).
@@ -53,19 +53,23 @@ class ComplementaryFilter:
         self.rotation: Quat = IDENTITY
         self.integral: Vec3 = STILL
 
-    def predict(self, dt: float, w1: Vec3, w2: Vec3) -> None:
-        """Turn R by the gyros, rad/s in B1 and B2: mean rates over the last `dt` s."""
+    def predict(self, dt: float, w1: Vec3, w2: Vec3) -> Vec3:
+        """Turn R by the gyros, rad/s in B1 and B2, over the last `dt` s. Returns W: the relative rate in B2, rad/s."""
         i = self.integral
-        turn1 = exp((-w1[0] * dt, -w1[1] * dt, -w1[2] * dt))
-        turn2 = exp(((w2[0] + i[0]) * dt, (w2[1] + i[1]) * dt, (w2[2] + i[2]) * dt))
-        self.rotation = multiply(turn1, multiply(self.rotation, turn2))
+        u = rotate_inverse(self.rotation, w1)
+        rate = (w2[0] + i[0] - u[0], w2[1] + i[1] - u[1], w2[2] + i[2] - u[2])
+        x, y, z = cross(w2, u)
+        half = 0.5 * dt
+        turn = ((rate[0] + half * x) * dt, (rate[1] + half * y) * dt, (rate[2] + half * z) * dt)
+        self.rotation = multiply(self.rotation, exp(turn))
+        return rate
 
     def correct(self, dt: float, a1: Vec3, a2: Vec3, m1: Vec3 | None = None, m2: Vec3 | None = None) -> None:
         """Turn R towards agreement of the accelerometers and fields (any unit) in B1 and B2, which hold for `dt` s."""
         gains = self.gains
-        ex, ey, ez = self._error(gains.accel_weight, a1, a2)
+        ex, ey, ez = disagreement(gains.accel_weight, rotate_inverse(self.rotation, a1), a2)
         if m1 is not None and m2 is not None:
-            mx, my, mz = self._error(gains.mag_weight, m1, m2)
+            mx, my, mz = disagreement(gains.mag_weight, rotate_inverse(self.rotation, m1), m2)
             ex, ey, ez = ex + mx, ey + my, ez + mz
         ki = gains.ki * dt
         i = self.integral
@@ -73,16 +77,18 @@ class ComplementaryFilter:
         half = 0.5 * min(gains.kp * dt, 1.0)  # at length 1 this is exp for the small angles of one step
         self.rotation = normalized(multiply(self.rotation, (half * ex, half * ey, half * ez, 1.0)))
 
-    def _error(self, weight: float, v1: Vec3, v2: Vec3) -> Vec3:
-        """weight (v2 x R^T v1) for vectors at length 1; zero where one of them is the null vector."""
-        lengths = math.sqrt(dot(v1, v1) * dot(v2, v2))
-        k = weight / lengths if lengths > 0.0 else 0.0
-        x, y, z = cross(v2, rotate_inverse(self.rotation, v1))
-        return (k * x, k * y, k * z)
-
     def align(self, a1: Vec3, a2: Vec3) -> None:
         """Turn R as little as possible so that gravity agrees; the rotation about gravity stays as it is."""
         self.rotation = multiply(between(rotate(self.rotation, a2), a1), self.rotation)
+
+
+def disagreement(weight: float, expected: Vec3, measured: Vec3) -> Vec3:
+    """weight (measured x expected) for vectors at length 1; zero where one of them is the null vector."""
+    x1, y1, z1 = expected
+    x2, y2, z2 = measured
+    lengths = math.sqrt((x1 * x1 + y1 * y1 + z1 * z1) * (x2 * x2 + y2 * y2 + z2 * z2))
+    k = weight / lengths if lengths > 0.0 else 0.0
+    return (k * (y2 * z1 - z2 * y1), k * (z2 * x1 - x2 * z1), k * (x2 * y1 - y2 * x1))
 
 
 def world_field(rotation: Quat, field: Vec3) -> Vec3:
@@ -95,6 +101,13 @@ def heading_north(rotation: Quat, field: Vec3) -> Quat:
     """`rotation` (sensor to world) turned about the vertical so that the measured field points north (+y)."""
     x, y, _ = rotate(rotation, field)
     return multiply(exp((0.0, 0.0, math.atan2(x, y))), rotation)
+
+
+def heading_difference(a: Quat, b: Quat) -> Quat:
+    """The turn about the vertical that brings the attitude `b` (sensor to world) nearest to `a`."""
+    _, _, z, w = multiply(a, conjugate(b))
+    n = math.hypot(z, w)
+    return (0.0, 0.0, z / n, w / n) if n > 0.0 else IDENTITY
 
 
 def joint_angles(axes: tuple[Vec3, ...], turned: Quat) -> tuple[float, ...]:
@@ -155,6 +168,12 @@ def zero_rotation(axes: tuple[Vec3, ...], parent_accel: Vec3, child_accel: Vec3)
     if len(axes) == 1:
         return _about(axes[0], _angle_about(axes[0], child_accel, parent_accel))
     return between(child_accel, parent_accel)
+
+
+def lever(axis: Vec3, accel: Vec3) -> float:
+    """Squared sine of the angle between a unit `axis` and the measured gravity; 0 without gravity."""
+    length2 = dot(accel, accel)
+    return 1.0 - dot(axis, accel) ** 2 / length2 if length2 > 0.0 else 0.0
 
 
 def _about(axis: Vec3, angle: float) -> Quat:

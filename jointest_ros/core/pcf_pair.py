@@ -9,32 +9,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from jointest_ros.core.frame import Frame, Quat, Status, Vec3
 from jointest_ros.core.pcf_attitude import (
     STILL,
-    UP,
     ComplementaryFilter,
     Gains,
     heading_difference,
-    heading_north,
     joint_angles,
     joint_rates,
     lever,
-    world_field,
     zero_rotation,
 )
+from jointest_ros.core.pcf_imu import AbsoluteImu, Gaps, Imu, bridge
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
-from jointest_ros.core.rotation import IDENTITY, between, conjugate, dot, multiply, rotate, rotate_inverse
+from jointest_ros.core.rotation import IDENTITY, conjugate, dot, multiply, rotate, rotate_inverse, wrap
 
 UNKNOWN_VARIANCE = math.pi**2 / 3.0  # rad^2, of an angle of which nothing is known
 START_VARIANCE = 0.25  # rad^2, of the first angle: it may be taken while the robot moves
-UNKNOWN_PERIOD = 0.01  # s, taken where the period is not known yet
 _LEAST_LEVER = 0.03  # squared sine of the angle between axis and gravity (10 deg) below which gravity tells nothing
-_TURN = 2.0 * math.pi
-# Sums of IntFlag members cost half a microsecond each: plain numbers here.
 _NO_DATA, _GAP, _STALE, _STARTING = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE), int(Status.STARTING)
 _UNOBSERVABLE = int(Status.UNOBSERVABLE)
 
@@ -42,124 +36,11 @@ _UNOBSERVABLE = int(Status.UNOBSERVABLE)
 JointOutput = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], tuple[int, ...]]
 
 
-@dataclass(frozen=True)
-class Gaps:
-    """How time without samples is treated."""
-
-    max_gap: float  # s
-    stale_after: float  # s
-    gap_rate: float  # rad/s, standard deviation of a rate that nobody measured
-
-    def measured(self, elapsed: float, period: float) -> float:
-        """The last part of `elapsed` s that the newest sample covers, s. Less than all of it: samples are missing."""
-        if elapsed <= 1.5 * period:
-            return elapsed
-        if period == period:
-            return period
-        return elapsed if elapsed <= self.max_gap else UNKNOWN_PERIOD
-
-    def spread(self, elapsed: float) -> float:
-        """What `elapsed` s without samples add to the variance of an angle, rad^2."""
-        return (self.gap_rate * elapsed) ** 2 if elapsed > self.max_gap else 0.0
-
-    def flags(self, elapsed: float) -> int:
-        """`Status` of a joint whose sensors have been silent for `elapsed` s."""
-        return _NO_DATA | (_GAP if elapsed > self.max_gap else 0) | (_STALE if elapsed > self.stale_after else 0)
-
-
-def bridge(before: Vec3, now: Vec3, elapsed: float, measured: float) -> Vec3:
-    """Mean rate over `elapsed` s of which only the last `measured` were measured.
-
-    The missing part takes the mean of the rates on either side.
-    """
-    if measured == elapsed:
-        return now
-    k = 0.5 * (1.0 - measured / elapsed)
-    return (
-        now[0] + k * (before[0] - now[0]),
-        now[1] + k * (before[1] - now[1]),
-        now[2] + k * (before[2] - now[2]),
-    )
-
-
-class Imu:
-    """The samples of one sensor as a filter wants them, with the gyro bias removed that was calibrated at rest."""
-
-    def __init__(self, sensor: Sensor) -> None:
-        self.sensor = sensor
-        self.bias: Vec3 = STILL  # rad/s
-        self.before: Vec3 = STILL  # rad/s, rate of the sample before
-
-    def read(self, frame: Frame) -> tuple[Vec3, Vec3] | None:
-        """(gyro without bias, accelerometer) or None where this frame has not both."""
-        gyro, accel = frame.gyro.get(self.sensor.name), frame.accel.get(self.sensor.name)
-        if gyro is None or accel is None:
-            return None
-        b = self.bias
-        return (gyro[0] - b[0], gyro[1] - b[1], gyro[2] - b[2]), accel
-
-
-class AbsoluteImu:
-    """Algorithm 1 on one sensor: `attitude.rotation` is sensor to world (z up; y north where a magnetometer says so)."""
-
-    def __init__(self, sensor: Sensor, gains: Gains, gaps: Gaps) -> None:
-        self.imu, self.gaps = Imu(sensor), gaps
-        self.attitude = ComplementaryFilter(gains)
-        self.restart()
-
-    def update(self, frame: Frame) -> None:
-        """One step; none where the sensor is missing."""
-        sample = self.imu.read(frame)
-        if sample is None:
-            return
-        gyro, accel = sample
-        attitude = self.attitude
-        field = frame.mag.get(self.imu.sensor.name) if attitude.gains.mag_weight else None
-        if self.stamp is None:
-            attitude.rotation = between(accel, UP)
-            if field is not None:
-                attitude.rotation = heading_north(attitude.rotation, field)
-        else:
-            elapsed = (frame.stamp - self.stamp) * 1e-9
-            measured = self.gaps.measured(elapsed, frame.period)
-            attitude.predict(elapsed, STILL, bridge(self.imu.before, gyro, elapsed, measured))
-            if elapsed > self.gaps.max_gap:
-                attitude.align(UP, accel)
-            north = None if field is None else world_field(attitude.rotation, field)
-            attitude.correct(measured, UP, accel, north, field)
-        if field is not None:
-            self.mag_stamp = frame.stamp
-        self.imu.before, self.stamp = gyro, frame.stamp
-
-    def restart(self) -> None:
-        """Start the attitude afresh from the next sample; what is known of the bias is kept."""
-        self.stamp: int | None = None
-        self.mag_stamp: int | None = None
-
-    def reset(self) -> None:
-        """Forget attitude and bias."""
-        self.restart()
-        self.imu.bias = self.attitude.integral = STILL
-
-    def biases(self) -> dict[str, float]:
-        """Gyro bias by component in the sensor's frame, rad/s: calibrated part less the integral."""
-        parts = zip("xyz", self.imu.bias, self.attitude.integral, strict=True)
-        return {f"{self.imu.sensor.name}.gyro_{c}": b - i for c, b, i in parts}
-
-    def get_state(self) -> dict[str, Any]:
-        """All that changes, as plain numbers."""
-        vectors = (self.attitude.rotation, self.attitude.integral, self.imu.bias, self.imu.before)
-        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "vectors": [list(v) for v in vectors]}
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from `get_state`."""
-        self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
-        attitude, imu = self.attitude, self.imu
-        attitude.rotation, attitude.integral, imu.bias, imu.before = (tuple(v) for v in state["vectors"])
-
-
 class _Pair:
     """What both formulations share: from R12 to the positions of one joint."""
+
+    stamp: int | None  # ns, of the newest frame with both sensors
+    mag_stamp: int | None
 
     def __init__(self, joint: Joint, parent: Sensor, child: Sensor, gains: Gains, gaps: Gaps) -> None:
         self.joint, self.parent, self.child, self.gains, self.gaps = joint, parent, child, gains, gaps
@@ -174,8 +55,7 @@ class _Pair:
     def restart(self) -> None:
         """Start the angles afresh from the next frame."""
         n = len(self.joint.axes)
-        self.stamp: int | None = None
-        self.mag_stamp: int | None = None
+        self.stamp = self.mag_stamp = None
         self.position, self.velocity, self.variance = (0.0,) * n, (0.0,) * n, (UNKNOWN_VARIANCE,) * n
         self.status = (_STARTING,) * n
 
@@ -212,6 +92,7 @@ class _Pair:
         b2 = rotate(self.child.mounting, accel[self.child.name])
         if len(self.joint.axes) > 1 or lever(self.joint.axes[0], b1) > _LEAST_LEVER:
             self._take_zero(zero_rotation(self.joint.axes, b1, b2))
+        self.position = self.variance = (0.0,) * len(self.axes)
 
     def first_guess(self, a1: Vec3, a2: Vec3) -> Quat:
         """R12 that agrees with gravity and with the joint; what gravity does not show is as at the zero pose."""
@@ -223,28 +104,26 @@ class _Pair:
 
     def _output(self, stamp: int, r12: Quat, rate: Vec3, a2: Vec3, elapsed: float) -> JointOutput:
         """Take over R12 and the relative rate (in the child's sensor) at `stamp`, `elapsed` s after the last one."""
-        axes = self.axes
-        angles = joint_angles(axes, multiply(self._from_zero, r12))
-        gap = self.gaps.spread(elapsed)
+        angles = joint_angles(self.axes, multiply(self._from_zero, r12))
         levers = self._levers(stamp, angles, a2)
-        variances, near, kp = self.variance, self.position, self.gains.kp
         if self.stamp is None:
-            variances = tuple(START_VARIANCE if s2 > _LEAST_LEVER else UNKNOWN_VARIANCE for s2 in levers)
-            near = self._middles
-        noise = self._gyro_density2 * elapsed + gap
-        correction = self._correction_density2 * elapsed
-        self.variance = tuple(
-            [
-                min(max(0.0, 1.0 - kp * s2 * elapsed) ** 2 * variance + noise + correction * s2, UNKNOWN_VARIANCE)
-                for variance, s2 in zip(variances, levers, strict=True)
-            ]
-        )
-        self.position = tuple([a + _TURN * round((n - a) / _TURN) for a, n in zip(angles, near, strict=True)])
-        self.velocity = joint_rates(axes, angles, rate)
-        flags = _GAP if gap else 0
-        self.status = tuple([flags if s2 > _LEAST_LEVER else flags | _UNOBSERVABLE for s2 in levers])
-        self.stamp = stamp
+            self.variance = tuple([START_VARIANCE if s2 > _LEAST_LEVER else UNKNOWN_VARIANCE for s2 in levers])
+            self.position = self._middles
+        gap = self.gaps.spread(elapsed) if elapsed > self.gaps.max_gap else 0.0
+        position, variance, status = [], [], []
+        for angle, near, before, s2 in zip(angles, self.position, self.variance, levers, strict=True):
+            position.append(near + wrap(angle - near))
+            variance.append(self._spread(before, s2, elapsed) + gap)
+            status.append((_GAP if gap else 0) | (0 if s2 > _LEAST_LEVER else _UNOBSERVABLE))
+        self.stamp, self.velocity = stamp, joint_rates(self.axes, angles, rate)
+        self.position, self.variance, self.status = tuple(position), tuple(variance), tuple(status)
         return self.position, self.velocity, self.variance, self.status
+
+    def _spread(self, variance: float, lever2: float, elapsed: float) -> float:
+        """The variance of a coordinate after `elapsed` s, rad^2: what is seen decays at Kp, noise comes in."""
+        decay = max(0.0, 1.0 - self.gains.kp * lever2 * elapsed)
+        noise = (self._gyro_density2 + self._correction_density2 * lever2) * elapsed
+        return min(decay * decay * variance + noise, UNKNOWN_VARIANCE)
 
     def _levers(self, stamp: int, angles: tuple[float, ...], a2: Vec3) -> Sequence[float]:
         """How much of a turn of each coordinate the measured directions show, 0 (nothing) to 1.
@@ -254,9 +133,9 @@ class _Pair:
         """
         if self.mag_stamp is not None and (stamp - self.mag_stamp) * 1e-9 <= self.gaps.max_gap:
             return (1.0,) * len(angles)
-        gravity2 = dot(a2, a2)
-        if gravity2 == 0.0:
-            return (0.0,) * len(angles)
+        if len(angles) == 1:
+            return (lever(self.axes[0], a2),)
+        gravity2 = dot(a2, a2) or math.inf
         return [max(0.0, 1.0 - t * t / gravity2) for t in joint_rates(self.axes, angles, a2)]
 
     def _extrapolate(self, stamp: int) -> JointOutput:
@@ -288,25 +167,29 @@ class RelativePair(_Pair):
         if one is None or two is None:
             return self._extrapolate(frame.stamp)
         (w1, a1), (w2, a2) = one, two
-        elapsed = 0.0
-        if self.stamp is None:
-            self.filter.rotation = self.first_guess(a1, a2)
+        one_filter, gaps = self.filter, self.gaps
+        elapsed = 0.0 if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
+        measured = elapsed if elapsed <= 1.5 * frame.period else gaps.measured(elapsed, frame.period)
+        if self.stamp is None or elapsed > gaps.max_gap:
+            if self.stamp is None or len(self.axes) == 1:
+                one_filter.rotation = self.first_guess(a1, a2)
+            else:
+                one_filter.align(a1, a2)
+            rate = one_filter.predict(0.0, w1, w2)
+        elif measured == elapsed:
+            rate = one_filter.predict(elapsed, w1, w2)
         else:
-            elapsed = (frame.stamp - self.stamp) * 1e-9
-            measured = self.gaps.measured(elapsed, frame.period)
             mean1 = bridge(self._imu1.before, w1, elapsed, measured)
             mean2 = bridge(self._imu2.before, w2, elapsed, measured)
-            self.filter.predict(elapsed, mean1, mean2)
-            if elapsed > self.gaps.max_gap:
-                self.filter.align(a1, a2)
-            m1 = m2 = None
-            if self.gains.mag_weight:
-                m1, m2 = frame.mag.get(self.parent.name), frame.mag.get(self.child.name)
-                if m1 is not None and m2 is not None:
-                    self.mag_stamp = frame.stamp
-            self.filter.correct(measured, a1, a2, m1, m2)
+            rate = one_filter.predict(elapsed, mean1, mean2)
+        m1 = m2 = None
+        if self.gains.mag_weight:
+            m1, m2 = frame.mag.get(self.parent.name), frame.mag.get(self.child.name)
+            if m1 is not None and m2 is not None:
+                self.mag_stamp = frame.stamp
+        one_filter.correct(measured, a1, a2, m1, m2)
         self._imu1.before, self._imu2.before = w1, w2
-        return self._output(frame.stamp, self.filter.rotation, self.filter.rate(w1, w2), a2, elapsed)
+        return self._output(frame.stamp, one_filter.rotation, rate, a2, elapsed)
 
     def set_bias(self, gyro: dict[str, Vec3]) -> None:
         """Gyro biases measured at rest, rad/s by sensor."""
@@ -359,11 +242,9 @@ class AbsolutePair(_Pair):
         if one.stamp != frame.stamp or two.stamp != frame.stamp:
             return self._extrapolate(frame.stamp)
         a2 = frame.accel[self.child.name]
-        elapsed = 0.0
-        if self.stamp is None:
+        elapsed = 0.0 if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
+        if self.stamp is None or (len(self.axes) == 1 and elapsed > self.gaps.max_gap):
             self._turn_to(self.first_guess(frame.accel[self.parent.name], a2))
-        else:
-            elapsed = (frame.stamp - self.stamp) * 1e-9
         if one.mag_stamp is not None and two.mag_stamp is not None:
             self.mag_stamp = min(one.mag_stamp, two.mag_stamp)
         r12 = multiply(conjugate(one.attitude.rotation), two.attitude.rotation)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -62,7 +62,7 @@ class Sensor:
         gyro_range, accel_range: full scale, rad/s and m/s^2; infinity where unknown.
         delay: how long after the measurement the sensor's filter delivers it (group delay of the data sheet), s; the
             assembler subtracts it from the stamps, so that estimates are stamped by when they were true.
-        topic, mag_topic: names of its Imu and MagneticField topics.
+        topic, mag_topic: names of its Imu and MagneticField topics; imu/<name> and mag/<name> unless given.
         frame_id: when set, only messages with this frame id are this sensor's (several sensors on one topic).
     """
 
@@ -83,6 +83,10 @@ class Sensor:
     mag_topic: str = ""
     frame_id: str = ""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "topic", self.topic or f"imu/{self.name}")
+        object.__setattr__(self, "mag_topic", self.mag_topic or f"mag/{self.name}")
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -90,7 +94,7 @@ class Robot:
 
     Raises:
         ConfigurationError: a joint or sensor names an unknown link, a link has two parents, a joint closes a loop, a Hall
-            sensor names an unknown joint coordinate.
+            sensor names an unknown joint coordinate, sensors share a topic and cannot be told apart.
     """
 
     links: tuple[str, ...]
@@ -124,6 +128,7 @@ class Robot:
         for sensor in self.sensors:
             self._known_link(sensor.link, f"sensor '{sensor.name}'.link")
             self._by_name[sensor.name] = sensor
+        self._check_topics()
         for number, hall in enumerate(self.hall):
             if hall.joint not in self.coordinates:
                 raise ConfigurationError(
@@ -139,14 +144,15 @@ class Robot:
     def ordered_joints(self) -> tuple[Joint, ...]:
         """Joints with every parent before its children."""
         children = {joint.child for joint in self.joints}
-        placed = {link for link in self.links if link not in children}
-        waiting, ordered = list(self.joints), []
-        while waiting:
-            ready = [joint for joint in waiting if joint.parent in placed]
-            ordered += ready
-            placed.update(joint.child for joint in ready)
-            waiting = [joint for joint in waiting if joint.parent not in placed or joint not in ready]
-        return tuple(ordered)
+        roots = [link for link in self.links if link not in children]
+        return tuple(joint for root in roots for joint in self.joints_below(root))
+
+    def joints_below(self, link: str) -> Iterator[Joint]:
+        """The joints that carry what hangs on `link`, every parent before its children."""
+        for joint in self.joints:
+            if joint.parent == link:
+                yield joint
+                yield from self.joints_below(joint.child)
 
     def sensor(self, name: str) -> Sensor:
         """The sensor of that name. Raises ConfigurationError when there is none."""
@@ -168,6 +174,20 @@ class Robot:
                 q = multiply(q, exp((axis[0] * angle, axis[1] * angle, axis[2] * angle)))
             turned[joint.child] = q
         return {link: turned.get(link, IDENTITY) for link in self.links}
+
+    def _check_topics(self) -> None:
+        """Several IMUs may be on one topic when each has a frame id; magnetometers have topics of their own."""
+        taken: list[tuple[str, str, str]] = []
+        for sensor in self.sensors:
+            inputs = [(sensor.topic, sensor.frame_id)] if sensor.gyro or sensor.accel else []
+            inputs += [(sensor.mag_topic, "")] if sensor.mag else []
+            for topic, frame_id in inputs:
+                for other, other_topic, other_id in taken:
+                    if topic == other_topic and (not frame_id or not other_id or frame_id == other_id):
+                        raise ConfigurationError(
+                            f"sensor '{sensor.name}'.topic: '{topic}' is that of '{other}' too; give each a topic or a frame_id of its own"
+                        )
+                taken.append((sensor.name, topic, frame_id))
 
     def _known_link(self, link: str, where: str) -> None:
         if link not in self.links:

@@ -1,13 +1,16 @@
-"""Finds when the robot stands still, and averages the sensors while it does: gyro bias and zero pose come from there."""
+"""Finds when the robot stands still, and averages its sensors meanwhile: for gyro bias and zero pose."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointest_ros.core.frame import FloatArray, Frame, Vec3
+from jointest_ros.core.frame import FloatArray, Frame, Recording, Vec3
 
+_FEWEST = 5  # samples in a window
 _CONSISTENT = 4.0  # standard errors that the mean of a window may differ from the mean before it
 
 
@@ -36,17 +39,40 @@ class Stillness:
     accel_mean: dict[str, FloatArray] = field(default_factory=dict)  # (3,) m/s^2 over `duration`
     _frames: list[Frame] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        self._length = round(self.window * 1e9)
+
     def update(self, frame: Frame) -> bool | None:
         """Add a frame. True or False at the end of a window: it was still or not; None in between."""
         if frame.reset:
             self.clear()
         self._frames.append(frame)
-        span = (frame.stamp - self._frames[0].stamp) * 1e-9
-        if span < self.window:
+        if frame.stamp - self._frames[0].stamp < self._length:
             return None
-        still = self._judge(span)
+        still = self._judge([Recording.from_frames(self._frames)])
         self._frames = [frame]
         return still
+
+    def run(self, recording: Recording) -> Iterator[tuple[int, bool]]:
+        """`update` by arrays: at the end of each window, how many rows were taken and whether it was still."""
+        resets = [] if recording.reset is None else np.flatnonzero(recording.reset).tolist()
+        for start, stop in itertools.pairwise((0, *resets, len(recording))):
+            if start in resets:
+                self.clear()
+            yield from self._run_stretch(recording, start, stop)
+
+    def _run_stretch(self, recording: Recording, start: int, stop: int) -> Iterator[tuple[int, bool]]:
+        held = [Recording.from_frames(self._frames)] if self._frames else []
+        while start < stop:
+            stamps = recording.stamps[start:stop]
+            first = held[0].stamps[0] if held else stamps[0]
+            end = start + int(np.searchsorted(stamps, first + self._length))  # the frame that closes the window
+            if end == stop:
+                break
+            still = self._judge([*held, recording.part(start, end + 1)])
+            yield end + 1, still
+            held, start = [], end
+        self._frames = [frame for part in (*held, recording.part(start, stop)) for frame in part.frames()]
 
     def means(self) -> tuple[dict[str, Vec3], dict[str, Vec3]]:
         """(gyro rad/s, accelerometer m/s^2) by sensor, over the present still phase."""
@@ -65,12 +91,12 @@ class Stillness:
         self.gyro_mean.clear()
         self.accel_mean.clear()
 
-    def _judge(self, span: float) -> bool:
+    def _judge(self, window: list[Recording]) -> bool:
+        """Judge consecutive stretches which are one window, and take it into the means if it was still."""
         means: list[tuple[str, FloatArray, FloatArray]] = []
         for sensor in self.sensors:
-            gyro = np.array([f.gyro[sensor] for f in self._frames if sensor in f.gyro])
-            accel = np.array([f.accel[sensor] for f in self._frames if sensor in f.accel])
-            if len(gyro) < 5 or len(accel) < 5:
+            gyro, accel = (_rows([getattr(part, name).get(sensor) for part in window]) for name in ("gyro", "accel"))
+            if len(gyro) < _FEWEST or len(accel) < _FEWEST:
                 self._moved()
                 return False
             gyro_std, accel_std = gyro.std(axis=0), accel.std(axis=0)
@@ -86,9 +112,16 @@ class Stillness:
                 self._moved()
                 return False
             means.append((sensor, gyro_mean, accel_mean))
+        span = float(window[-1].stamps[-1] - window[0].stamps[0]) * 1e-9
         share = span / (self.duration + span)
         for sensor, gyro_mean, accel_mean in means:
             for table, mean in ((self.gyro_mean, gyro_mean), (self.accel_mean, accel_mean)):
                 table[sensor] = table[sensor] + share * (mean - table[sensor]) if sensor in table else mean
         self.duration += span
         return True
+
+
+def _rows(tables: list[FloatArray | None]) -> FloatArray:
+    """The rows of all tables that are whole."""
+    rows = np.vstack([table for table in tables if table is not None] or [np.empty((0, 3))])
+    return np.asarray(rows[np.isfinite(rows).all(axis=1)])

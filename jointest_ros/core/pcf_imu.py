@@ -1,0 +1,134 @@
+"""The samples of one IMU over time: gaps in them, gyro bias, and the attitude by Algorithm 1 (`absolute`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from jointest_ros.core.frame import Frame, Status, Vec3
+from jointest_ros.core.pcf_attitude import STILL, UP, ComplementaryFilter, Gains, heading_north, world_field
+from jointest_ros.core.robot import Sensor
+from jointest_ros.core.rotation import between
+
+UNKNOWN_PERIOD = 0.01  # s, taken where the period is not known yet
+# Sums of IntFlag members cost half a microsecond each: plain numbers here.
+_NO_DATA, _GAP, _STALE = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE)
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """How time without samples is treated."""
+
+    max_gap: float  # s
+    stale_after: float  # s
+    gap_rate: float  # rad/s, standard deviation of a rate that nobody measured
+
+    def measured(self, elapsed: float, period: float) -> float:
+        """The last part of `elapsed` s that the newest sample covers, s. Less than all of it: samples are missing."""
+        if elapsed <= 1.5 * period:
+            return elapsed
+        if period == period:
+            return period
+        return elapsed if elapsed <= self.max_gap else UNKNOWN_PERIOD
+
+    def spread(self, elapsed: float) -> float:
+        """What `elapsed` s without samples add to the variance of an angle, rad^2."""
+        return (self.gap_rate * elapsed) ** 2 if elapsed > self.max_gap else 0.0
+
+    def flags(self, elapsed: float) -> int:
+        """`Status` of a joint whose sensors have been silent for `elapsed` s."""
+        return _NO_DATA | (_GAP if elapsed > self.max_gap else 0) | (_STALE if elapsed > self.stale_after else 0)
+
+
+def bridge(before: Vec3, now: Vec3, elapsed: float, measured: float) -> Vec3:
+    """Mean rate over `elapsed` s of which only the last `measured` were measured.
+
+    The missing part takes the mean of the rates on either side.
+    """
+    if measured == elapsed:
+        return now
+    k = 0.5 * (1.0 - measured / elapsed)
+    return (
+        now[0] + k * (before[0] - now[0]),
+        now[1] + k * (before[1] - now[1]),
+        now[2] + k * (before[2] - now[2]),
+    )
+
+
+class Imu:
+    """The samples of one sensor as a filter wants them, with the gyro bias removed that was calibrated at rest."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self.bias: Vec3 = STILL  # rad/s
+        self.before: Vec3 = STILL  # rad/s, rate of the sample before
+
+    def read(self, frame: Frame) -> tuple[Vec3, Vec3] | None:
+        """(gyro without bias, accelerometer) or None where this frame has not both."""
+        gyro, accel = frame.gyro.get(self.sensor.name), frame.accel.get(self.sensor.name)
+        if gyro is None or accel is None:
+            return None
+        b = self.bias
+        return (gyro[0] - b[0], gyro[1] - b[1], gyro[2] - b[2]), accel
+
+
+class AbsoluteImu:
+    """Algorithm 1 on one sensor: `attitude.rotation` is sensor to world (z up; y north where a magnetometer says so)."""
+
+    stamp: int | None  # ns, of the newest sample
+    mag_stamp: int | None
+
+    def __init__(self, sensor: Sensor, gains: Gains, gaps: Gaps) -> None:
+        self.imu, self.gaps = Imu(sensor), gaps
+        self.attitude = ComplementaryFilter(gains)
+        self.restart()
+
+    def update(self, frame: Frame) -> None:
+        """One step; none where the sensor is missing."""
+        sample = self.imu.read(frame)
+        if sample is None:
+            return
+        gyro, accel = sample
+        attitude = self.attitude
+        field = frame.mag.get(self.imu.sensor.name) if attitude.gains.mag_weight else None
+        if self.stamp is None:
+            attitude.rotation = between(accel, UP)
+            if field is not None:
+                attitude.rotation = heading_north(attitude.rotation, field)
+        else:
+            elapsed = (frame.stamp - self.stamp) * 1e-9
+            measured = self.gaps.measured(elapsed, frame.period)
+            if elapsed <= self.gaps.max_gap:
+                attitude.predict(elapsed, STILL, bridge(self.imu.before, gyro, elapsed, measured))
+            else:
+                attitude.align(UP, accel)
+            north = None if field is None else world_field(attitude.rotation, field)
+            attitude.correct(measured, UP, accel, north, field)
+        if field is not None:
+            self.mag_stamp = frame.stamp
+        self.imu.before, self.stamp = gyro, frame.stamp
+
+    def restart(self) -> None:
+        """Start the attitude afresh from the next sample; what is known of the bias is kept."""
+        self.stamp = self.mag_stamp = None
+
+    def reset(self) -> None:
+        """Forget attitude and bias."""
+        self.restart()
+        self.imu.bias = self.attitude.integral = STILL
+
+    def biases(self) -> dict[str, float]:
+        """Gyro bias by component in the sensor's frame, rad/s: calibrated part less the integral."""
+        parts = zip("xyz", self.imu.bias, self.attitude.integral, strict=True)
+        return {f"{self.imu.sensor.name}.gyro_{c}": b - i for c, b, i in parts}
+
+    def get_state(self) -> dict[str, Any]:
+        """All that changes, as plain numbers."""
+        vectors = (self.attitude.rotation, self.attitude.integral, self.imu.bias, self.imu.before)
+        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "vectors": [list(v) for v in vectors]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`."""
+        self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
+        attitude, imu = self.attitude, self.imu
+        attitude.rotation, attitude.integral, imu.bias, imu.before = (tuple(v) for v in state["vectors"])
