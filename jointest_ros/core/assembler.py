@@ -4,8 +4,8 @@ The policy, in sensor time (see also docs/conventions.md):
 
 - A frame takes the samples within `sync_tolerance` of its stamp (that of its earliest sample). It is emitted when
   complete, or as a partial one when each missing sensor has shown that its sample will not come: it delivered a newer
-  one, it has been silent, or the stream ran ahead by `max_wait`. So the order of arrival *between* topics, which DDS
-  does not keep, changes nothing.
+  one, it has been silent, it is slower and not due yet, or the stream ran ahead by `max_wait`. So the order of arrival
+  *between* topics, which DDS does not keep, changes nothing as long as no topic lags by more than `max_wait`.
 - A repeated or older stamp, a non-finite or implausible value in a field in use are refused and counted by cause.
 - A stamp that is off by more than `max_gap` forward or `reset_jump` back is held until a second sample confirms it;
   without confirmation it is refused. Confirmed: up to `reset_jump` it was a gap, beyond it the next frame says `reset`.
@@ -18,11 +18,10 @@ from __future__ import annotations
 
 import math
 from bisect import insort
-from collections import Counter, deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from statistics import median
+from dataclasses import dataclass
 
+from jointest_ros.core.assembler_inputs import NEVER, HallQueue, Source
 from jointest_ros.core.frame import Frame, Vec3
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.timing import Timing
@@ -30,32 +29,9 @@ from jointest_ros.core.timing import Timing
 IMPLAUSIBLE_GYRO = 1e3  # rad/s, ten times the fastest MEMS gyro range
 IMPLAUSIBLE_ACCEL = 1e5  # m/s^2, fifty times the widest MEMS shock accelerometer range
 IMPLAUSIBLE_MAG = 1.0  # tesla
-IMPLAUSIBLE_VOLTAGE = 1e3  # V
-_NEVER = -(1 << 62)  # ns, before every stamp
-_INTERVALS = 31  # intervals behind one estimate of the period
 _MIN_WAIT = 20_000_000  # ns
-_FIRST_TOLERANCE = 1_000_000  # ns, while the period is unknown
-
-
-@dataclass(slots=True)
-class Source:
-    """What one input delivered: `received == used + sum(refused.values()) +` samples that still wait."""
-
-    received: int = 0
-    used: int = 0
-    refused: Counter[str] = field(default_factory=Counter)
-    last: int = _NEVER  # ns, newest accepted stamp
-    period: float = math.nan  # ns, median interval
-    intervals: list[int] = field(default_factory=list)
-
-    def accept(self, stamp: int) -> None:
-        """Note an accepted stamp, and the median of the intervals before it."""
-        if self.last != _NEVER:
-            self.intervals.append(stamp - self.last)
-            if len(self.intervals) == (_INTERVALS if self.period == self.period else 5):
-                self.period = median(self.intervals)
-                self.intervals.clear()
-        self.last = stamp
+_FIRST_TOLERANCE = 400_000  # ns, while the period is unknown: less than half a period at 1 kHz
+_GONE = 10  # periods after which a silent sensor says nothing about the period of the stream
 
 
 @dataclass(slots=True)
@@ -63,6 +39,7 @@ class _Pending:
     frame: Frame
     arrival: int
     missing: set[str]
+    awaited: str = ""  # the one of the missing that was last found to be still to come
 
     def __lt__(self, other: _Pending) -> bool:
         return self.frame.stamp < other.frame.stamp
@@ -78,15 +55,20 @@ class FrameAssembler:
         sensors: that deliver inertial samples; a sensor with neither gyro nor accelerometer in use is not waited for.
         timing: tolerances.
         hall_width: number of voltages in a Hall message; 0 where the robot has none.
+
+    Attributes:
+        sources, mag_sources: sensor -> what it delivered; `hall_source`: the same of the Hall topic.
+        frames, partial: how many were emitted, and how many of them with a sensor missing.
+        gaps, resets: how many were confirmed.
     """
 
     def __init__(self, sensors: Iterable[Sensor], timing: Timing | None = None, hall_width: int = 0) -> None:
         self.timing = timing or Timing()
-        self.hall_width = hall_width
         sensors = tuple(sensors)
         self.sources = {s.name: Source() for s in sensors if s.gyro or s.accel}
         self.mag_sources = {s.name: Source() for s in sensors if s.mag}
-        self.hall_source = Source()
+        self._hall = HallQueue(hall_width, self.timing.hall_per_frame)
+        self.hall_source = self._hall.source
         self.frames = 0
         self.partial = 0
         self.resets = 0
@@ -97,13 +79,13 @@ class FrameAssembler:
         self._reset_jump = round(self.timing.reset_jump * 1e9)
         self._pending: list[_Pending] = []
         self._suspects: list[_Sample] = []
-        self._hall: deque[tuple[int, tuple[float, ...]]] = deque()
         self._mag: dict[str, tuple[int, Vec3]] = {}
-        self._newest = _NEVER  # newest accepted stamp of any sensor
-        self._emitted = _NEVER  # stamp of the last frame
-        self._arrival = _NEVER  # newest arrival of anything
+        self._first = NEVER  # stamp with which the stream began, or began again
+        self._newest = NEVER  # newest accepted stamp of any sensor
+        self._emitted = NEVER  # stamp of the last frame
+        self._arrival = NEVER  # newest arrival of anything
         self._reset_next = False
-        self._intervals = Source()  # of the frames: gives the period
+        self._period = 0  # ns; 0: not known yet
         self._set_tolerances()
 
     # ---------------------------------------------------------------- inputs
@@ -121,21 +103,21 @@ class FrameAssembler:
             in_use = (gyro if uses_gyro else ()) + (accel if uses_accel else ())
             source.refused["implausible" if all(map(math.isfinite, in_use)) else "not finite"] += 1
             return []
-        if arrival > self._arrival:
-            self._arrival = arrival
-        ahead = stamp - self._newest
-        if self._newest != _NEVER and not -self._reset_jump <= ahead <= max(self._max_gap, 3 * self._period):
+        if arrival != self._arrival:
+            self._note_arrival(arrival)
+        if self._newest == NEVER:
+            self._first = stamp
+        elif not -self._reset_jump <= stamp - self._newest <= self._farthest:
             return self._suspect((sensor, stamp, gyro, accel, arrival))
         if stamp <= source.last:
             source.refused["repeated stamp" if stamp == source.last else "older stamp"] += 1
             return []
         if self._suspects:
             self._refuse_suspects()
-        self._place(sensor, stamp, gyro, accel, arrival)
-        return self._ready()
+        return self._ready() if self._place(sensor, stamp, gyro, accel, arrival) else []
 
     def add_mag(self, sensor: str, stamp: int, mag: Vec3) -> None:
-        """One magnetometer sample, tesla. It goes with the next frame that is emitted, once, and is never waited for."""
+        """One magnetometer sample, tesla. It goes with the next frame that is emitted, once, and is never awaited."""
         source = self.mag_sources[sensor]
         source.received += 1
         if not abs(mag[0]) + abs(mag[1]) + abs(mag[2]) < IMPLAUSIBLE_MAG:
@@ -149,41 +131,28 @@ class FrameAssembler:
             self._mag[sensor] = (stamp, mag)
 
     def add_hall(self, voltages: tuple[float, ...], arrival: int) -> list[Frame]:
-        """One Hall message in volts, NaN where there is no sensor, stamped by its arrival (in a bag: record time), ns."""
-        source = self.hall_source
-        source.received += 1
-        if len(voltages) != self.hall_width:
-            source.refused["wrong length"] += 1
-            return []
-        if any(abs(v) > IMPLAUSIBLE_VOLTAGE for v in voltages):
-            source.refused["implausible"] += 1
-            return []
-        if arrival > self._arrival:
-            self._arrival = arrival
-        self._hall.append((arrival, voltages))
-        if not self.timing.hall_per_frame:
-            self._drop_hall(len(self._hall) - 1)
-        elif len(self._hall) > 1:
-            self._drop_hall_before(arrival - self._tolerance - self._max_gap)
-        source.last = arrival
-        return self._ready()
-
-    def refuse(self, sensor: str, cause: str) -> None:
-        """Count a message of `sensor` that could not even be decoded."""
-        source = self.sources[sensor]
-        source.received += 1
-        source.refused[cause] += 1
+        """One Hall message, V, NaN where there is no sensor; `arrival` (bags: record time), ns, is its only time."""
+        self._note_arrival(arrival)
+        return self._ready() if self._hall.add(voltages, arrival, arrival - self._tolerance - self._max_gap) else []
 
     def flush(self) -> list[Frame]:
         """The end of the stream: emits what waits, refuses what was never confirmed or paired."""
         self._refuse_suspects()
-        frames = [self._emit(pending, self._paired_hall(pending)) for pending in self._pending]
-        self._pending.clear()
-        self._drop_hall(len(self._hall))
+        frames = self._emit_all()
+        self._hall.drop_before(None)
         for sensor in self._mag:
             self.mag_sources[sensor].refused["unpaired"] += 1
         self._mag.clear()
         return frames
+
+    def _note_arrival(self, arrival: int) -> None:
+        if arrival > self._arrival:
+            self._arrival = arrival
+        elif arrival < self._arrival - self._reset_jump:  # the clock of the host was set back
+            self._arrival = arrival
+            self._hall.drop_before(None)
+            for pending in self._pending:
+                pending.arrival = arrival
 
     # ---------------------------------------------------------------- odd stamps
 
@@ -205,15 +174,15 @@ class FrameAssembler:
         if 0 < confirmed[0][1] - self._newest <= self._reset_jump:
             self.gaps += 1
         else:
-            frames = [self._emit(pending, self._paired_hall(pending)) for pending in self._pending]
-            self._pending.clear()
-            for source in (*self.sources.values(), *self.mag_sources.values(), self._intervals):
-                source.last = _NEVER
-            self._newest = self._emitted = _NEVER
+            frames = self._emit_all()
+            for source in (*self.sources.values(), *self.mag_sources.values()):
+                source.last = NEVER
+            self._newest = self._emitted = NEVER
+            self._first = confirmed[0][1]
             self._reset_next = True
             self.resets += 1
-        for sample in confirmed:
-            self._place(*sample)
+        for one in confirmed:
+            self._place(*one)
         return frames + self._ready()
 
     def _refuse_suspects(self) -> None:
@@ -223,18 +192,26 @@ class FrameAssembler:
 
     # ---------------------------------------------------------------- frames
 
-    def _place(self, sensor: str, stamp: int, gyro: Vec3, accel: Vec3, arrival: int) -> None:
+    def _place(self, sensor: str, stamp: int, gyro: Vec3, accel: Vec3, arrival: int) -> bool:
+        """Put a sample into the frame that it belongs to; False where this can make no frame ready."""
         source = self.sources[sensor]
-        for pending in reversed(self._pending):
+        if source.accept(stamp):
+            self._set_tolerances()
+        if stamp > self._newest:
+            self._newest = stamp
+        if stamp <= self._emitted:
+            source.refused["late"] += 1
+            return False
+        source.used += 1
+        for pending in self._pending:
             frame = pending.frame
             if sensor in pending.missing and abs(stamp - frame.stamp) <= self._tolerance:
-                if self._emitted < stamp < frame.stamp:
+                if stamp < frame.stamp:
                     frame.stamp = stamp
+                joined = True
                 break
         else:
-            if stamp <= self._emitted:
-                source.refused["late"] += 1
-                return
+            joined = False
             frame = Frame(stamp)
             pending = _Pending(frame, arrival, set(self._expected))
             insort(self._pending, pending)
@@ -243,11 +220,9 @@ class FrameAssembler:
             frame.gyro[sensor] = gyro
         if uses_accel:
             frame.accel[sensor] = accel
-        pending.missing.discard(sensor)
-        source.used += 1
-        source.accept(stamp)
-        if stamp > self._newest:
-            self._newest = stamp
+        pending.missing.remove(sensor)
+        # The oldest frame may still wait for the same sensor as before.
+        return not (joined and pending.awaited in pending.missing and pending is self._pending[0])
 
     def _ready(self) -> list[Frame]:
         frames: list[Frame] = []
@@ -255,7 +230,7 @@ class FrameAssembler:
             pending = self._pending[0]
             if pending.missing and self._may_come(pending):
                 break
-            hall = self._paired_hall(pending)
+            hall = self._hall.take(pending.arrival, self._tolerance)
             if hall is None and self._hall_may_come(pending):
                 break
             del self._pending[0]
@@ -268,64 +243,56 @@ class FrameAssembler:
             return False
         for sensor in pending.missing:
             source = self.sources[sensor]
-            if source.last > stamp:
+            last = source.last if source.last != NEVER else self._first
+            if last > stamp:
                 continue  # it delivered a newer sample: this one is lost
-            if source.last != _NEVER and stamp - source.last > self._wait + 2 * self._period:
+            period = source.period or self._period
+            if stamp - last > self._wait + 2 * period:
                 continue  # silent: not waited for until it returns
-            if source.period > 1.5 * self._period and stamp - source.last < 0.75 * source.period:
+            if period > 1.5 * self._period and stamp - last < 0.75 * period:
                 continue  # slower than the stream, and not due yet
+            pending.awaited = sensor
             return True
         return False
 
+    def _hall_may_come(self, pending: _Pending) -> bool:
+        if not self._hall.awaited or self._newest - pending.frame.stamp > self._wait:
+            return False
+        return self._arrival <= pending.arrival + self._tolerance
+
+    def _emit_all(self) -> list[Frame]:
+        frames = [self._emit(one, self._hall.take(one.arrival, self._tolerance)) for one in self._pending]
+        self._pending.clear()
+        return frames
+
     def _emit(self, pending: _Pending, hall: tuple[float, ...] | None) -> Frame:
         frame = pending.frame
-        if hall is not None:
-            frame.hall = hall
-            self.hall_source.used += 1
-        for sensor, (stamp, mag) in self._mag.items():
-            if abs(frame.stamp - stamp) <= self._max_gap:
-                frame.mag[sensor] = mag
-                self.mag_sources[sensor].used += 1
-            else:
-                self.mag_sources[sensor].refused["unpaired"] += 1
-        self._mag.clear()
+        frame.hall = hall
+        if self._mag:
+            self._add_mag(frame)
         frame.period = self._period * 1e-9 if self._period else math.nan
         frame.reset, self._reset_next = self._reset_next, False
         self.frames += 1
         self.partial += bool(pending.missing)
         self._emitted = frame.stamp
-        before = self._intervals.period
-        self._intervals.accept(frame.stamp)
-        if self._intervals.period != before:
-            self._set_tolerances()
         return frame
 
+    def _add_mag(self, frame: Frame) -> None:
+        for sensor, (stamp, mag) in self._mag.items():
+            source = self.mag_sources[sensor]
+            if abs(frame.stamp - stamp) <= self._max_gap:
+                frame.mag[sensor] = mag
+                source.used += 1
+            else:
+                source.refused["unpaired"] += 1
+        self._mag.clear()
+
     def _set_tolerances(self) -> None:
-        known = self._intervals.period == self._intervals.period
-        self._period = round(self._intervals.period) if known else 0
-        self._tolerance = round(self.timing.sync_tolerance * 1e9) or (self._period // 2 if known else _FIRST_TOLERANCE)
+        """The period of the stream is that of its fastest sensor; tolerances follow it."""
+        present = [s.period for s in self.sources.values() if s.period and self._newest - s.last <= _GONE * s.period]
+        if present:
+            self._period = min(present)
+        given, half = round(self.timing.sync_tolerance * 1e9), self._period // 2 or _FIRST_TOLERANCE
+        self._tolerance = min(given, half) if given else half
         self._wait = round(self.timing.max_wait * 1e9) or max(3 * self._period, _MIN_WAIT)
-
-    # ---------------------------------------------------------------- Hall
-
-    def _paired_hall(self, pending: _Pending) -> tuple[float, ...] | None:
-        if not self._hall:
-            return None
-        if self.timing.hall_per_frame:
-            self._drop_hall_before(pending.arrival - self._tolerance)
-            if not self._hall or self._hall[0][0] > pending.arrival + self._tolerance:
-                return None
-        return self._hall.popleft()[1]
-
-    def _hall_may_come(self, pending: _Pending) -> bool:
-        waits = self.hall_width and self.timing.hall_per_frame and not self._hall
-        return bool(waits) and self._arrival <= pending.arrival + self._tolerance
-
-    def _drop_hall_before(self, arrival: int) -> None:
-        while self._hall and self._hall[0][0] < arrival:
-            self._drop_hall(1)
-
-    def _drop_hall(self, count: int) -> None:
-        for _ in range(count):
-            self._hall.popleft()
-            self.hall_source.refused["unpaired"] += 1
+        self._farthest = max(self._max_gap, 3 * self._period)

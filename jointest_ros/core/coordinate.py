@@ -45,8 +45,6 @@ class Coordinate:
         started: there was one, or none is expected.
     """
 
-    __slots__ = ("blind", "hall", "missing", "rate", "rule", "started", "waiting")
-
     def __init__(self, rule: GapRule, hall: bool) -> None:
         self.rule = rule
         self.hall = hall
@@ -63,7 +61,8 @@ class Coordinate:
     def bridge(self, rate: float, dt: float, gap: float) -> tuple[float, float, float, int]:
         """(rate to predict with, shift of the angle rad, added variance rad^2, status) for a step of `dt` s.
 
-        `rate` is NaN where a gyro is missing, and comes back as NaN when it has been for too long; `gap` s of `dt` lie before the interval that the sample covers.
+        `rate` is NaN where a gyro is missing, and comes back as NaN when it has been for too long; `gap` s of `dt` lie
+        before the interval that the sample covers.
         """
         rule, held = self.rule, self.rate
         if rate == rate:

@@ -36,7 +36,7 @@ class Estimator(ABC):
         """One step. Stamps must increase; the frame assembler sees to it."""
 
     def run(self, recording: Recording) -> Series:
-        """Estimates of a stretch of frames, carrying the state over from the stretch before. Equals `update` in a loop."""
+        """Estimates of a stretch of frames, carrying on from the stretch before. Equals `update` in a loop."""
         joints = len(self.joints)
         parts = (map(self.update, part.frames()) for part in recording.parts())
         series = [Series.from_estimates(list(estimates), joints) for estimates in parts]

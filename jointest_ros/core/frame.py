@@ -44,7 +44,7 @@ class Frame:
     accel: dict[str, Vec3] = field(default_factory=dict)  # m/s^2, sensor frame, +9.81 upward at rest
     mag: dict[str, Vec3] = field(default_factory=dict)  # tesla, sensor frame
     hall: tuple[float, ...] | None = None  # volts, in the order of the configuration; NaN: no such sensor or no reading
-    period: float = float("nan")  # s, median period of the stream; NaN while unknown
+    period: float = float("nan")  # s, of the stream: the interval without losses; NaN while unknown
     reset: bool = False  # the clock jumped before this frame (looped bag, clock set): start afresh, keep calibrations
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointest_ros.core.coordinate import GapRule
+from jointest_ros.core.coupled_bank import CoupledBank
 from jointest_ros.core.hall_bank import HallBank
-from jointest_ros.core.joint_bank import CoupledBank, HingeBank
+from jointest_ros.core.joint_bank import HingeBank
 from jointest_ros.core.kckf_coupled import CoupledFilter
 from jointest_ros.core.kckf_hinge import HingeFilter
 from jointest_ros.core.kckf_motion import ChainMotion, MotionFilter
@@ -32,7 +33,7 @@ class FusionParams(Params):
     )
     hall_noise: str = param(
         "voltage",
-        "voltage: each sensor's noise in volts, clipped readings left out; constant (the paper's): hall_sigma_deg, all readings used",
+        "voltage: each sensor's noise in volts, clipped ones left out; constant (the paper's): hall_sigma_deg for all",
         choices=("voltage", "constant"),
     )
     hall_sigma_deg: float = param(
@@ -65,7 +66,7 @@ class FusionParams(Params):
 def hinge_bank(
     linkage: Linkage, robot: Robot, params: FusionParams, noise: ProcessNoise, rule: GapRule, by_links: bool
 ) -> HingeBank:
-    """Every coordinate in a filter of its own; `by_links`: its rates need the kinematics of joints with several axes."""
+    """Every coordinate in a filter of its own; `by_links`: rates need the kinematics of joints with several axes."""
     angle, bias = math.radians(params.initial_angle_deg) ** 2, math.radians(params.initial_bias_dps) ** 2
     filters = [
         HingeFilter(

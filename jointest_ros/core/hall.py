@@ -29,7 +29,7 @@ from jointest_ros.core.torso import torso_of
 class HallParams(Params):
     """The `estimators: hall:` section of a configuration."""
 
-    sensor: int = param(0, "which sensor of each joint: 1 the first, 2 the second, ...; 0: all together", low=0, high=16)
+    sensor: int = param(0, "which sensor of each joint: 1 the first, 2 the second, ...; 0: all", low=0, high=16)
     kinematics: str = param("composed", KINEMATICS_TEXT, choices=KINEMATICS)
     gap_rate_dps: float = param(200.0, GAP_RATE_TEXT, unit="deg/s", low=0.0, high=1e4)
 

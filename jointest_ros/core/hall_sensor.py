@@ -6,6 +6,7 @@ At negative angles it is flat in V, that is, imprecise; the mirrored second sens
 
 from __future__ import annotations
 
+import itertools
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class ExponentialCurve:
         sound = all(math.isfinite(v) for v in values) and min(values) >= 0.0 and self.b > 0.0 and self.d > 0.0
         if not sound or not self.a_deg + self.c_deg:
             raise ConfigurationError(
-                f"hall curve (a, b, c, d): {values} is not allowed; a and c must be 0 or more and not both 0, b and d positive"
+                f"hall curve (a, b, c, d): {values} is not allowed; a, c: 0 or more, not both 0; b, d: positive"
             )
 
     def angle(self, volts: FloatArray) -> FloatArray:
@@ -69,10 +70,10 @@ class SplineCurve:
     def __post_init__(self) -> None:
         if len(self.volts) != len(self.angles_deg) or len(self.volts) < 2:
             raise ConfigurationError(
-                f"hall curve: {len(self.volts)} volts and {len(self.angles_deg)} angles; give the same number of both, at least 2"
+                f"hall curve: {len(self.volts)} volts, {len(self.angles_deg)} angles_deg; give equally many, at least 2"
             )
         for what, row in (("volts", self.volts), ("angles_deg", self.angles_deg)):
-            if not all(low < high for low, high in zip(row, row[1:], strict=False)):
+            if not all(low < high for low, high in itertools.pairwise(row)):
                 raise ConfigurationError(f"hall curve.{what}: {row} is not allowed; the values must rise")
 
     def angle(self, volts: FloatArray) -> FloatArray:
@@ -131,7 +132,7 @@ class HallSensor:
         low, high = self.hall_range
         if not (-100.0 <= low < high <= 100.0 and high - low > 2.0 * self.gate_margin):
             raise ConfigurationError(
-                f"{where}.hall_range: {self.hall_range!r} is not allowed; give [lowest, highest] in volts, wider than its noise"
+                f"{where}.hall_range: {self.hall_range!r} is not allowed; give [lowest, highest] V, wider than the noise"
             )
 
     @property

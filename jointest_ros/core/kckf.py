@@ -40,7 +40,8 @@ class KckfParams(FusionParams):
     )
     hall_offset_walk: float = param(1e-4, "random walk of such an offset", unit="V/sqrt(s)", low=0.0, high=0.1)
     off_axis: bool = param(
-        False, "use the gyro components off the joint axis too: they tell the angle when the base moves; needs aligned gyros"
+        False,
+        "use gyro components off the joint axis too: they tell the angle when the base moves; needs aligned gyros",
     )
     alignment_deg: float = param(
         0.5, "off_axis: standard deviation of a misalignment of neighbouring gyros", unit="deg", low=0.0, high=10.0
@@ -51,7 +52,7 @@ class KckfParams(FusionParams):
         if self.hall_offset and self.hall_noise != "voltage":
             raise ConfigurationError("hall_offset: true is not allowed with hall_noise: constant; offsets are in volts")
         if self.off_axis and not (self.composed and self.noise == "physical"):
-            raise ConfigurationError("off_axis: true is not allowed here; it needs kinematics: composed, noise: physical")
+            raise ConfigurationError("off_axis: true is not allowed; it needs kinematics: composed and noise: physical")
 
 
 PAPER = KckfParams(noise="paper", hall_noise="constant", kinematics="additive")

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import get_lapack_funcs
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_bank import HallBank
@@ -63,9 +63,11 @@ class CoupledFilter:
         self.d = self._biases()
         self._volts = not hall_sigma
         self._settles = not self._volts  # nothing in the covariance depends on the state
-        self._variance = (hall.variance if self._volts else np.full(len(coordinate), hall_sigma**2)).astype(dtype)
+        variance = hall.variance if self._volts else np.full(len(coordinate), hall_sigma**2)
+        self._hall_noise: FloatArray = np.diag(variance).astype(dtype)
         self._offset_walk = offset_walk
-        self._potrf, self._trtrs = get_lapack_funcs(("potrf", "trtrs"), dtype=dtype)
+        (self._potrf,) = get_lapack_funcs(("potrf",), dtype=dtype)
+        (self._trsm,) = get_blas_funcs(("trsm",), dtype=dtype)  # LAPACK's trtrs wakes all threads for any size
         self._interval = 0.0
         self.reset()
 
@@ -76,8 +78,8 @@ class CoupledFilter:
         angle, bias, offset = self._start
         offsets = len(self._coordinate) if self._offset_walk is not None else 0
         m, d = self.m, self.d
-        self.x = np.zeros(m + d + offsets, dtype=self._dtype)
-        self.covariance = np.zeros((len(self.x), len(self.x)), dtype=self._dtype)
+        self.x: FloatArray = np.zeros(m + d + offsets, dtype=self._dtype)
+        self.covariance: FloatArray = np.zeros((len(self.x), len(self.x)), dtype=self._dtype)
         self.covariance[:m, :m] = angle**2 * self.noise.angle_prior
         self.covariance[m : m + d, m : m + d] = bias**2 * self._bias_prior()
         self.covariance[m + d :, m + d :] = offset**2 * np.eye(offsets)
@@ -179,22 +181,23 @@ class CoupledFilter:
             self._steep = True
 
     def _correct(self, readings: FloatArray, used: NDArray[np.bool_]) -> None:
-        at, variance = self._coordinate, self._variance
+        at, noise = self._coordinate, self._hall_noise
         some = not used.all()
         if some:
-            at, variance, readings = at[used], variance[used], readings[..., used]
+            at, noise, readings = at[used], noise[used][:, used], readings[..., used]
         p = self.covariance
         if not self._volts:
             crossed = p[:, at]
-            self._apply(crossed, crossed[at], variance, readings - self.x[..., at])
+            self._apply(crossed, crossed[at] + noise, readings - self.x[..., at])
             return
         offsets = None
         if self._offset_walk is not None:
             offsets = self.m + self.d + np.flatnonzero(used)
+        prior = point = self.x
         if self._steep:
             self._steep = bool((p.diagonal()[: self.m] > ITERATE_ABOVE).any())
-        prior = point = self.x
-        for left in range(ITERATIONS if self._steep else 0, -1, -1):
+            point = self._start_point(readings, used)
+        for _ in range(ITERATIONS):
             expected, slope = self.hall.voltages(point[self._coordinate])
             if some:
                 expected, slope = expected[used], slope[used]
@@ -206,27 +209,44 @@ class CoupledFilter:
                 innovation -= prior[offsets]
                 crossed += p[:, offsets]
             total = slope[:, None] * crossed[at]
+            total += noise
             if offsets is not None:
                 total += crossed[offsets]
-            if not left:
+            if point is prior:
                 break
-            gain = np.linalg.solve(total + np.diag(variance), crossed.T).T
-            before, point = point, prior + gain @ innovation
+            before, point = point, prior + crossed @ np.linalg.solve(total, innovation)
             if np.abs(point[at] - before[at]).max() < SETTLED:
                 break
-        self._apply(crossed, total, variance, innovation)
+        self._apply(crossed, total, innovation)
 
-    def _apply(self, crossed: FloatArray, total: FloatArray, variance: FloatArray, innovation: FloatArray) -> None:
-        """Correct with P H^T (n, h), H P H^T (h, h), the noise (h,) and the innovation (..., h)."""
+    def _start_point(self, readings: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+        """The state at the angles that the readings stand for, where the filter does not know better."""
+        at, m = self._coordinate[used], self.m
+        volts = np.full(len(used), np.nan)
+        volts[used] = readings
+        if self._offset_walk is not None:
+            volts -= self.x[m + self.d :]
+        angles = self.hall.angles(volts)
+        _, slope = self.hall.voltages(angles)
+        weight = slope[used] ** 2 / self._hall_noise.diagonal()[used]
+        weights, weighted = (np.bincount(at, w, m) for w in (weight, weight * angles[used]))
+        unknown = (weights > 0.0) & (self.covariance.diagonal()[:m] > ITERATE_ABOVE)
+        point = self.x.copy()
+        point[:m][unknown] = weighted[unknown] / weights[unknown]
+        return point
+
+    def _apply(self, crossed: FloatArray, total: FloatArray, innovation: FloatArray) -> None:
+        """Correct with P H^T (n, h), the covariance (h, h) of the innovation, and the innovation (..., h)."""
         n, h = crossed.shape
-        total.flat[:: h + 1] += variance
         root, _ = self._potrf(total, lower=1)
-        sides = np.concatenate([crossed.T, innovation.reshape(-1, h).T], axis=1)
-        solved, _ = self._trtrs(root, sides, lower=1)
-        self._root, y, self._whitened = root, solved[:, :n], solved[:, n:]
-        self._y = y
-        self.x += (self._whitened.T @ y).reshape(self.x.shape)
-        self.covariance -= y.T @ y
+        runs = innovation.reshape(-1, h)
+        sides = np.empty((h, n + len(runs)), dtype=self._dtype, order="F")  # as LAPACK wants it: solved in place
+        sides[:, :n] = crossed.T
+        sides[:, n:] = runs.T
+        solved = self._trsm(1.0, root, sides, lower=1, overwrite_b=1)
+        self._root, self._y, self._whitened = root, solved[:, :n], solved[:, n:]
+        self.x += (self._whitened.T @ self._y).reshape(self.x.shape)
+        self.covariance -= self._y.T @ self._y
 
     def _settle(self, before: FloatArray) -> None:
         """Keep the gain when the last step left the covariance as it was."""

@@ -19,7 +19,8 @@ from jointest_ros.core.frame import Status
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.process_noise import increments
 
-# Above this variance (3 deg)^2 the curve bends within the prior: a reading is taken by Gauss and Newton's iteration.
+# Above this variance, (3 deg)^2, the curve bends within the prior: a reading is taken by Gauss and Newton's iteration,
+# from the angle that it stands for.
 ITERATE_ABOVE = math.radians(3.0) ** 2
 ITERATIONS = 20
 SETTLED = 1e-10  # rad
@@ -36,11 +37,6 @@ class HingeFilter(Coordinate):
         start: variances of angle and bias.
         hall_sigma: constant standard deviation of a Hall angle, rad; 0: measure in volts.
     """
-
-    __slots__ = (
-        "_dt", "_noise", "_q_angle", "_q_bias", "_q_cross", "_sensors", "_start", "_volts", "angle", "bias", "covariance",
-        "gated", "innovations", "status", "var_angle", "var_bias", "velocity",
-    )  # fmt: skip
 
     def __init__(
         self,
@@ -89,7 +85,7 @@ class HingeFilter(Coordinate):
                 rate, shift, spread, flags = self.bridge(rate, dt, gap)
                 angle += shift
                 paa += spread
-                if not rate == rate:  # unknown: taken as standing still
+                if rate != rate:  # unknown: taken as standing still
                     rate = self.rate = bias
             else:
                 self.rate = rate
@@ -116,19 +112,18 @@ class HingeFilter(Coordinate):
                 continue
             used = True
             if self._volts:
-                expected, slope = table.voltage(sign * angle)
-                innovation, h = reading - offset - expected, sign * slope
-                total = h * h * paa + variance
-                if paa > ITERATE_ABOVE:
-                    point = angle
-                    for _ in range(ITERATIONS):
-                        before, point = point, angle + paa * h / total * innovation
-                        if abs(point - before) < SETTLED:
-                            break
-                        expected, slope = table.voltage(sign * point)
-                        h = sign * slope
-                        innovation = reading - offset - expected - h * (angle - point)
-                        total = h * h * paa + variance
+                steep = paa > ITERATE_ABOVE
+                point = sign * table.angle(reading - offset) if steep else angle
+                for _ in range(ITERATIONS):
+                    expected, slope = table.voltage(sign * point)
+                    h = sign * slope
+                    innovation = reading - offset - expected - h * (angle - point)
+                    total = h * h * paa + variance
+                    if not steep:
+                        break
+                    before, point = point, angle + paa * h / total * innovation
+                    if abs(point - before) < SETTLED:
+                        break
             else:
                 innovation, h = sign * table.angle(reading - offset) - angle, 1.0
                 total = paa + variance

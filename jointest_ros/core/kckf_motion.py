@@ -1,7 +1,7 @@
 """The KCKF of joints with two or three axes, and of hinges that also use the gyro components off their axis.
 
 As `kckf_coupled`, with the biases of all gyros (3 g, link frames) as states, because the bias of a relative rate turns
-with the joint. The rates th' of linkage_rates.py, at the middle of the interval and from gyros without their biases, are
+with the joint. The rates th' of linkage_rates.py, at the middle of the interval and of gyros without their biases, are
 linearised in gyros and angles (A = d th' / d th):
 
         | -s2 m2 / c2   (s2 g1 + m3) / c2^2    -g2 / c2   |
@@ -60,11 +60,19 @@ class ChainMotion:
         self._row_places, self._slope_places = np.array(rows), np.array(slopes)
         self._active = np.array(active)
         self._locked = np.setdiff1d(np.arange(3 * n), active) if off_axis else np.empty(0, dtype=np.int64)
-        self._joint_of_locked = self._locked // 3
-        self.linearise([(0.0, 0.0, 0.0)] * len(linkage.links), [0.0] * width, [0.0] * len(active))
+        self.residual_rows = np.zeros((len(self._locked), width))
+        self.residual_slopes = np.zeros((len(self._locked), len(active)))
+        self.residual_scale = np.zeros(len(self._locked))
+        links = len(linkage.links)
+        self.linearise([(0.0, 0.0, 0.0)] * links, [0.0] * width, [0.0] * len(active), [True] * links)
 
-    def linearise(self, gyro: Sequence[Vec3], bias: Sequence[float], angles: Sequence[float]) -> None:
-        """At the gyros of g links (rad/s, link frames), their biases (3 g) and the angles (m) of mid-interval."""
+    def linearise(
+        self, gyro: Sequence[Vec3], bias: Sequence[float], angles: Sequence[float], trusted: Sequence[bool]
+    ) -> None:
+        """At the gyros of g links (rad/s, link frames), their biases (3 g) and the angles (m) of mid-interval.
+
+        Off-axis rates are left out between links that are not both `trusted` (g).
+        """
         true = [
             (x - bias[k], y - bias[k + 1], z - bias[k + 2])
             for k, (x, y, z) in zip(range(0, len(bias), 3), gyro, strict=True)
@@ -103,12 +111,15 @@ class ChainMotion:
             self.rows = self._all_rows[self._active]
             self.slopes = self._all_slopes[self._active[:, None], self._active]
         locked = self._locked
+        if len(locked) and not all(trusted):
+            kept = np.array([trusted[parent] and trusted[child] for _, _, parent, child in self._joints])
+            locked = locked[kept[locked // 3]]
         self.residuals = np.array(rates)[locked]
         if len(locked):
             self.residual_rows = self._all_rows[locked]
             self.residual_slopes = self._all_slopes[locked[:, None], self._active]
             parents = np.array([norm(true[parent]) for _, _, parent, _ in self._joints])
-            self.residual_scale = parents[self._joint_of_locked]
+            self.residual_scale = parents[locked // 3]
 
 
 class MotionFilter(CoupledFilter):
@@ -130,13 +141,12 @@ class MotionFilter(CoupledFilter):
         **kwargs: Any,
     ) -> None:
         self.motion = motion
-        self._gyro_noise, self._gyro_walk, self._alignment = gyro_noise, gyro_walk, alignment
+        self._gyro_noise, self._alignment = gyro_noise, alignment
         super().__init__(*args, **kwargs)
         self._settles = False
-        m, n = self.m, len(self.x)
-        self._identity, self._no_bias = np.eye(m), np.zeros(m)
-        self._step = np.empty((m, m + self.d))
-        self._bias_diagonal = np.arange(m, m + self.d) * (n + 1)
+        self._walk = np.diag(gyro_walk)
+        self._identity, self._no_bias = np.eye(self.m), np.zeros(self.m)
+        self._step = np.empty((self.m, self.m + self.d))
 
     def _biases(self) -> int:
         return len(self._gyro_noise)
@@ -162,7 +172,7 @@ class MotionFilter(CoupledFilter):
         p[m:, :m] = moved[:, m:].T
         p[:m, :m] = moved[:, :both] @ step.T
         p[:m, :m] += (rows * (dt * self._gyro_noise)) @ rows.T
-        p.flat[self._bias_diagonal] += dt * self._gyro_walk
+        p[m:both, m:both] += dt * self._walk
         self._add_offset_walk(p, dt)
         self._finish_prediction(spread)
         if len(self.motion.residuals):
@@ -179,4 +189,5 @@ class MotionFilter(CoupledFilter):
         crossed[:m] += common
         by_noise = by_state[:, :m] @ common
         total += by_noise + by_noise.T
-        self._apply(crossed, total, (self._alignment * motion.residual_scale) ** 2, -motion.residuals)
+        total += np.diag((self._alignment * motion.residual_scale) ** 2)
+        self._apply(crossed, total, -motion.residuals)

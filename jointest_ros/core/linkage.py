@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,7 +40,7 @@ class Linkage:
 
     @property
     def gyro_rows(self) -> FloatArray:
-        """(m, 3 g): what each coordinate's rate takes from the gyros of g links at the zero pose, equations (6), (9)."""
+        """(m, 3 g): what each rate takes from the gyros of g links at the zero pose, equations (6), (9)."""
         rows = np.zeros((len(self.axes), 3 * len(self.links)))
         for row, axis, (parent, child) in zip(rows, self.axes, self.ends, strict=True):
             row[3 * parent : 3 * parent + 3] -= axis
@@ -71,7 +72,8 @@ def serial_linkage(robot: Robot) -> Linkage:
     for joint in wanted:
         if joint not in path:
             raise ConfigurationError(
-                f"hall: joints '{joint.name}' and '{path[0].name}' lie on different branches; the Hall sensors must be on joints in series"
+                f"hall: joints '{joint.name}' and '{path[0].name}' lie on different branches; "
+                "joints with Hall sensors must be in series"
             )
     path.reverse()
     return _linkage(robot, path[min(path.index(joint) for joint in wanted) :], gyros=True)
@@ -113,7 +115,7 @@ def _linkage(robot: Robot, joints: Sequence[Joint], gyros: bool) -> Linkage:
         joints=tuple(joints),
         links=links,
         gyros=tuple(_gyro_on(robot, link) for link in links) if gyros else (),
-        serial=all(inner.child == outer.parent for inner, outer in zip(joints, joints[1:], strict=False)),
+        serial=all(inner.child == outer.parent for inner, outer in itertools.pairwise(joints)),
         names=names,
         axes=tuple(axis for joint in joints for axis in joint.axes),
         joint_of=tuple(number for number, _ in numbered),

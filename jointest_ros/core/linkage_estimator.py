@@ -13,10 +13,10 @@ from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Recording, Series, Vec3
 from jointest_ros.core.joint_bank import JointBank
 from jointest_ros.core.linkage import Linkage
-from jointest_ros.core.linkage_rates import GyroDifferences, LinkRates, turn
+from jointest_ros.core.linkage_rates import GyroDifferences, LinkRates
 from jointest_ros.core.params import Params
 from jointest_ros.core.robot import Robot
-from jointest_ros.core.rotation import IDENTITY, multiply, rotate
+from jointest_ros.core.rotation import rotate
 from jointest_ros.core.timing import Timing
 from jointest_ros.core.torso import GyroTorso, torso_of, torsos_of
 
@@ -115,19 +115,24 @@ class LinkageEstimator(Estimator):
     # ------------------------------------------------------------- by arrays
 
     def run(self, recording: Recording) -> Series:
-        """Estimates of a stretch of frames; rates and torso by arrays. Equal to `update` in a loop."""
+        """Estimates of a stretch of frames; rates and torso by arrays. Equals `update` in a loop."""
+        if recording.hall is not None:
+            check_voltages(self.robot, recording.hall.shape[1])
+        parts = [self._run(part) for part in recording.parts()]
+        return Series.concatenate(parts or [self._run(recording)])
+
+    def _run(self, recording: Recording) -> Series:
         length, m = len(recording), len(self.joints)
-        bank = self._bank
+        bank, gyro_torso = self._bank, self._gyro_torso
         inputs: Sequence[Any]
-        inputs = (
-            self._link_rates.of_recording(recording)
-            if self._by_links
-            else self._differences.of_recording(recording).tolist()
-        )
+        if self._by_links:
+            inputs = self._link_rates.of_recording(recording)
+        else:
+            inputs = self._differences.of_recording(recording).tolist()
+        ends = self._end_rates.of_recording(recording) if gyro_torso is not None else []
         hall = self._hall_rows(recording)
         period = [math.nan] * length if recording.period is None else recording.period.tolist()
         restarts = set() if recording.reset is None else set(np.flatnonzero(recording.reset).tolist())
-        ends = self._end_rates.of_recording(recording) if self._gyro_torso is not None else []
         position, velocity, variance, status, torso, orientation = [], [], [], [], [], []
         for k, stamp in enumerate(recording.stamps.tolist()):
             if k in restarts:
@@ -138,20 +143,20 @@ class LinkageEstimator(Estimator):
             velocity.append(bank.velocities)
             variance.append(bank.variances)
             status.append(bank.status)
-            if self._gyro_torso is not None:
-                self._gyro_torso.step(dt, *ends[k])
-                torso.append(self._gyro_torso.angle)
-                orientation.append(self._gyro_torso.orientation)
+            if gyro_torso is not None:
+                gyro_torso.step(dt, *ends[k])
+                torso.append(gyro_torso.angle)
+                orientation.append(gyro_torso.orientation)
         series = Series(
             recording.stamps,
-            np.array(position).reshape(length, m),
-            np.array(velocity).reshape(length, m),
-            np.array(variance).reshape(length, m),
+            np.array(position, dtype=float).reshape(length, m),
+            np.array(velocity, dtype=float).reshape(length, m),
+            np.array(variance, dtype=float).reshape(length, m),
             np.array(status, dtype=np.int64).reshape(length, m),
         )
-        if self._gyro_torso is not None:
-            series.torso = np.array(torso).reshape(length, 3)
-            series.torso_orientation = np.array(orientation).reshape(length, 4)
+        if gyro_torso is not None:
+            series.torso = np.array(torso, dtype=float).reshape(length, 3)
+            series.torso_orientation = np.array(orientation, dtype=float).reshape(length, 4)
         elif self.linkage.serial:
             series.torso, series.torso_orientation = torsos_of(self.linkage.axes, series.position, self._composed)
         return series
@@ -160,8 +165,7 @@ class LinkageEstimator(Estimator):
         voltages = recording.hall
         if voltages is None:
             return [None] * len(recording)
-        check_voltages(self.robot, voltages.shape[1])
-        present = np.isfinite(voltages).any(axis=1).tolist()
+        present: Any = np.isfinite(voltages).any(axis=1)
         return [row if there else None for row, there in zip(voltages.tolist(), present, strict=True)]
 
     # ------------------------------------------------------------- state
@@ -183,13 +187,12 @@ class LinkageEstimator(Estimator):
         return self._bank.covariance()
 
     def torso_covariance(self) -> FloatArray:
-        """Covariance (3, 3), rad^2, of a small rotation of the torso in the first link's frame: 1^T P 1 for coaxial joints."""
+        """Covariance (3, 3), rad^2, of a small turn of the torso, first link's frame: 1^T P 1 for coaxial joints."""
         axes = np.array(self.linkage.axes).T
         if self._composed:
-            turned = IDENTITY
             for column, axis in enumerate(self.linkage.axes):
-                axes[:, column] = rotate(turned, axis)
-                turned = multiply(turned, turn(axis, self._bank.angles[column]))
+                _, before = torso_of(self.linkage.axes[:column], self._bank.angles[:column], composed=True)
+                axes[:, column] = rotate(before, axis)
         return np.asarray(axes @ self._bank.covariance() @ axes.T)
 
     def biases(self) -> dict[str, float]:
@@ -197,7 +200,7 @@ class LinkageEstimator(Estimator):
         return self._bank.biases()
 
     def innovations(self) -> list[float]:
-        """Normalised innovations of the newest frame in the order of `Robot.hall`; NaN: not used. NIS: sum of squares."""
+        """Normalised innovations of the newest frame in the order of `Robot.hall`; NaN: not used."""
         return self._bank.innovations()
 
     def gated(self) -> list[int]:

@@ -9,7 +9,7 @@ child's w, m = Rx^T p and g = Rz w:
 
     th1' = (g1 + s2 m3) / c2 - p1,    th2' = g2 - m2,    th3' = w3 - (s2 g1 + m3) / c2
 
-A joint of fewer axes is one whose other angles are 0; the rates of these are 0, and what the gyros say of them is noise.
+A joint of fewer axes is one whose other angles are 0; their rates are 0, and what the gyros say of them is noise.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointest_ros.core.frame import FloatArray, Quat, Recording, Vec3
+from jointest_ros.core.frame import FloatArray, Recording, Vec3
 from jointest_ros.core.linkage import Linkage
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.rotation import IDENTITY, cross, dot, perpendicular, rotate, rotate_inverse
@@ -80,15 +80,9 @@ class LinkRates:
             rates = recording.gyro.get(name)
             if rates is None:
                 rates = np.full((len(recording), 3), NAN)
-            whole = np.isfinite(rates).all(axis=1)
-            tables[name] = [(x, y, z) for x, y, z in np.where(whole[:, None], rates, NAN).tolist()]
+            whole = np.isfinite(rates).all(axis=1, keepdims=True)
+            tables[name] = [(x, y, z) for x, y, z in np.where(whole, rates, NAN).tolist()]
         return [self.of_frame(dict(zip(tables, row, strict=True))) for row in zip(*tables.values(), strict=True)]
-
-
-def turn(axis: Vec3, angle: float) -> Quat:
-    """exp(angle axis) for a unit axis."""
-    s = math.sin(0.5 * angle)
-    return (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * angle))
 
 
 @dataclass(frozen=True)

@@ -57,14 +57,14 @@ class Params:
             raise ConfigurationError(f"{prefix}{error}") from None
 
 
-def reject_unknown(values: Iterable[str], allowed: Iterable[str], where: str) -> None:
+def reject_unknown(values: Iterable[str], allowed: Iterable[str], where: str = "", what: str = "key") -> None:
     """Raise a `ConfigurationError` that names the first of `values` which is not among `allowed`."""
     names = list(allowed)
     for name in values:
         if name not in names:
             near = difflib.get_close_matches(str(name), names, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"allowed: {', '.join(names)}"
-            raise ConfigurationError(f"{where + '.' if where else ''}{name}: unknown key; {hint}")
+            raise ConfigurationError(f"{where + '.' if where else ''}{name}: unknown {what}; {hint}")
 
 
 def allowed_text(spec: dataclasses.Field[Any]) -> str:
@@ -72,6 +72,10 @@ def allowed_text(spec: dataclasses.Field[Any]) -> str:
     meta = spec.metadata
     if meta["choices"]:
         return "one of " + ", ".join(meta["choices"])
+    if isinstance(spec.default, bool):
+        return "true or false"
+    if isinstance(spec.default, str):
+        return "a text"
     unit = f" {meta['unit']}" if meta["unit"] else ""
     low, high = meta["low"], meta["high"]
     if low is None and high is None:
@@ -87,13 +91,11 @@ def _checked(spec: dataclasses.Field[Any], kind: Any, value: Any) -> Any:
     meta = spec.metadata
     if kind is bool:
         if not isinstance(value, bool):
-            raise ConfigurationError(f"{spec.name}: {value!r} is not allowed; give true or false")
+            raise ConfigurationError(f"{spec.name}: {value!r} is not allowed; give {allowed_text(spec)}")
         return value
     if kind is str:
         if not isinstance(value, str) or (meta["choices"] and value not in meta["choices"]):
-            raise ConfigurationError(
-                f"{spec.name}: {value!r} is not allowed; give {allowed_text(spec) if meta['choices'] else 'a text'}"
-            )
+            raise ConfigurationError(f"{spec.name}: {value!r} is not allowed; give {allowed_text(spec)}")
         return value
     integer = kind is int
     right_type = isinstance(value, int if integer else (int, float)) and not isinstance(value, bool)

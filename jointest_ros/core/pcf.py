@@ -144,7 +144,8 @@ class Pcf(Estimator):
             if sensor.gyro and sensor.accel:
                 return sensor
         raise ConfigurationError(
-            f"joint '{joint.name}': link '{link}' carries no sensor with gyro and accelerometer; pcf needs one on either side"
+            f"joint '{joint.name}': link '{link}' carries no sensor with gyro and accelerometer; "
+            "pcf needs one on either side"
         )
 
     def _hinge_noise(self) -> HingeNoise:
@@ -184,9 +185,7 @@ class Pcf(Estimator):
         still = self.stillness.update(frame)
         if still is not None and self._watching:
             self._calibrate_start(frame.stamp, still)
-        return Estimate(
-            frame.stamp, tuple(position), tuple(velocity), self._variance, flags, orientation=orientation
-        )
+        return Estimate(frame.stamp, tuple(position), tuple(velocity), self._variance, flags, orientation=orientation)
 
     def _calibrate_start(self, stamp: int, still: bool) -> None:
         """Calibrate from the still phase with which the stream begins, better with every window of it."""
@@ -201,7 +200,7 @@ class Pcf(Estimator):
 
     def run(self, recording: Recording) -> Series:
         """Estimates of a stretch of frames; hinges by arrays. Equal to `update` in a loop."""
-        if len(self._hinges) < len(self._filters) or self.params.mag_weight:
+        if len(self._hinges) < len(self._filters) or self.params.mag_weight or not len(recording):
             return super().run(recording)
         series, start = [], 0
         for stop, still in self.stillness.run(recording):
@@ -248,7 +247,7 @@ class Pcf(Estimator):
     def _still_means(self) -> tuple[dict[str, Vec3], dict[str, Vec3]]:
         if self.stillness.duration <= 0.0:
             raise CalibrationError(
-                "the robot moves, or has not been still for half a second: hold it still and try again"
+                "the robot moves, has not been still for half a second, or a sensor is silent: hold it still and try again"
             )
         return self.stillness.means()
 
@@ -271,10 +270,13 @@ class Pcf(Estimator):
             one.reset()
 
     def get_state(self) -> dict[str, Any]:
-        """The whole state but for the still window of the moment."""
+        """The whole state; but the means of the present still phase only while the still start is awaited."""
         return {
             "calibrated": self.calibrated,
             "watching": self._watching,
+            "first_window": self._first_window,
+            "stillness": self.stillness.get_state() if self._watching else None,
+            "variance": list(self._variance),
             "imus": {name: imu.get_state() for name, imu in self._imus.items()},
             "joints": {f.joint.name: f.get_state() for f in self._filters},
         }
@@ -283,6 +285,9 @@ class Pcf(Estimator):
         """Continue identically from `get_state`."""
         self.reset()
         self.calibrated, self._watching = state["calibrated"], state["watching"]
+        self._first_window, self._variance = state["first_window"], tuple(state["variance"])
+        if state["stillness"] is not None:
+            self.stillness.set_state(state["stillness"])
         for name, imu in self._imus.items():
             imu.set_state(state["imus"][name])
         for joint_filter in self._filters:

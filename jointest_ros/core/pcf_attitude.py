@@ -26,7 +26,6 @@ from jointest_ros.core.rotation import (
     exp,
     log,
     multiply,
-    normalized,
     rotate,
     rotate_inverse,
 )
@@ -53,46 +52,91 @@ class ComplementaryFilter:
         self.rotation: Quat = IDENTITY
         self.integral: Vec3 = STILL
 
-    def predict(self, dt: float, w1: Vec3, w2: Vec3) -> Vec3:
-        """Turn R by the gyros, rad/s in B1 and B2, over the last `dt` s. Returns W: the relative rate in B2, rad/s."""
-        i = self.integral
-        u = rotate_inverse(self.rotation, w1)
-        rate = (w2[0] + i[0] - u[0], w2[1] + i[1] - u[1], w2[2] + i[2] - u[2])
-        x, y, z = cross(w2, u)
-        half = 0.5 * dt
-        turn = ((rate[0] + half * x) * dt, (rate[1] + half * y) * dt, (rate[2] + half * z) * dt)
-        self.rotation = multiply(self.rotation, exp(turn))
-        return rate
+    def step(
+        self,
+        elapsed: float,
+        measured: float,
+        w1: Vec3,
+        w2: Vec3,
+        a1: Vec3,
+        a2: Vec3,
+        m1: Vec3 | None = None,
+        m2: Vec3 | None = None,
+    ) -> Vec3:
+        """One sample: gyros (rad/s), accelerometers, fields (any unit) in B1 and B2. Returns W, rad/s in B2.
 
-    def correct(self, dt: float, a1: Vec3, a2: Vec3, m1: Vec3 | None = None, m2: Vec3 | None = None) -> None:
-        """Turn R towards agreement of the accelerometers and fields (any unit) in B1 and B2, which hold for `dt` s."""
+        The gyros hold for the `elapsed` s since the last sample, the correction for `measured` s of them (less where
+        samples are missing). Written out in components: calls of `rotation.py` would cost half as much again.
+        """
         gains = self.gains
-        ex, ey, ez = disagreement(gains.accel_weight, rotate_inverse(self.rotation, a1), a2)
+        x, y, z, w = self.rotation
+        ix, iy, iz = self.integral
+        # R^T W1
+        vx, vy, vz = w1
+        tx, ty, tz = 2.0 * (z * vy - y * vz), 2.0 * (x * vz - z * vx), 2.0 * (y * vx - x * vy)
+        ux, uy, uz = vx + w * tx - y * tz + z * ty, vy + w * ty - z * tx + x * tz, vz + w * tz - x * ty + y * tx
+        vx, vy, vz = w2
+        rx, ry, rz = vx + ix - ux, vy + iy - uy, vz + iz - uz
+        # R exp([W + dt/2 W2 x R^T W1]x dt), of which h is half the turn
+        h = 0.5 * elapsed
+        hh = h * h
+        hx, hy, hz = (
+            h * rx + hh * (vy * uz - vz * uy),
+            h * ry + hh * (vz * ux - vx * uz),
+            h * rz + hh * (vx * uy - vy * ux),
+        )
+        hh = hx * hx + hy * hy + hz * hz
+        if hh < 1e-4:  # sin(h)/h and cos(h) by their series: exact to 1e-16 here
+            s, c = (
+                1.0 - hh * (1.0 / 6.0 - hh * (1.0 / 120.0)),
+                1.0 - hh * (0.5 - hh * (1.0 / 24.0 - hh * (1.0 / 720.0))),
+            )
+        else:
+            h = math.sqrt(hh)
+            s, c = math.sin(h) / h, math.cos(h)
+        hx, hy, hz = hx * s, hy * s, hz * s
+        x, y, z, w = (
+            w * hx + x * c + y * hz - z * hy,
+            w * hy - x * hz + y * c + z * hx,
+            w * hz + x * hy - y * hx + z * c,
+            w * c - x * hx - y * hy - z * hz,
+        )
+        # e = a2 x R^T a1
+        vx, vy, vz = a1
+        tx, ty, tz = 2.0 * (z * vy - y * vz), 2.0 * (x * vz - z * vx), 2.0 * (y * vx - x * vy)
+        ux, uy, uz = vx + w * tx - y * tz + z * ty, vy + w * ty - z * tx + x * tz, vz + w * tz - x * ty + y * tx
+        vx, vy, vz = a2
+        lengths = math.sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz))
+        k = gains.accel_weight / lengths if lengths > 0.0 else 0.0
+        ex, ey, ez = k * (vy * uz - vz * uy), k * (vz * ux - vx * uz), k * (vx * uy - vy * ux)
         if m1 is not None and m2 is not None:
-            mx, my, mz = disagreement(gains.mag_weight, rotate_inverse(self.rotation, m1), m2)
-            ex, ey, ez = ex + mx, ey + my, ez + mz
-        ki = gains.ki * dt
-        i = self.integral
-        self.integral = (i[0] + ki * ex, i[1] + ki * ey, i[2] + ki * ez)
-        half = 0.5 * min(gains.kp * dt, 1.0)  # at length 1 this is exp for the small angles of one step
-        self.rotation = normalized(multiply(self.rotation, (half * ex, half * ey, half * ez, 1.0)))
+            lengths = math.sqrt(dot(m1, m1) * dot(m2, m2))
+            k = gains.mag_weight / lengths if lengths > 0.0 else 0.0
+            ux, uy, uz = cross(m2, rotate_inverse((x, y, z, w), m1))
+            ex, ey, ez = ex + k * ux, ey + k * uy, ez + k * uz
+        k = gains.ki * measured
+        self.integral = (ix + k * ex, iy + k * ey, iz + k * ez)
+        # R+ exp([Kp e]x dt), for the small angles of one step
+        k = gains.kp * measured
+        k = 0.5 * k if k < 1.0 else 0.5
+        hx, hy, hz = k * ex, k * ey, k * ez
+        x, y, z, w = (
+            x + w * hx + y * hz - z * hy,
+            y + w * hy - x * hz + z * hx,
+            z + w * hz + x * hy - y * hx,
+            w - x * hx - y * hy - z * hz,
+        )
+        n = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+        self.rotation = (x * n, y * n, z * n, w * n)
+        return rx, ry, rz
 
     def align(self, a1: Vec3, a2: Vec3) -> None:
         """Turn R as little as possible so that gravity agrees; the rotation about gravity stays as it is."""
         self.rotation = multiply(between(rotate(self.rotation, a2), a1), self.rotation)
 
 
-def disagreement(weight: float, expected: Vec3, measured: Vec3) -> Vec3:
-    """weight (measured x expected) for vectors at length 1; zero where one of them is the null vector."""
-    x1, y1, z1 = expected
-    x2, y2, z2 = measured
-    lengths = math.sqrt((x1 * x1 + y1 * y1 + z1 * z1) * (x2 * x2 + y2 * y2 + z2 * z2))
-    k = weight / lengths if lengths > 0.0 else 0.0
-    return (k * (y2 * z1 - z2 * y1), k * (z2 * x1 - x2 * z1), k * (x2 * y1 - y2 * x1))
-
-
 def world_field(rotation: Quat, field: Vec3) -> Vec3:
-    """The measured field in the world (x east, y north, z up), its horizontal part put on +y as at the right heading."""
+    """The measured field in the world (x east, y north, z up), its horizontal part put on +y."""
     x, y, z = rotate(rotation, field)
     return (0.0, math.hypot(x, y), z)
 

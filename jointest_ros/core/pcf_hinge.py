@@ -123,9 +123,7 @@ class HingeFilter:
         j1, j2 = self._j1, self._j2
         return j2[0] * w2[0] + j2[1] * w2[1] + j2[2] * w2[2] - j1[0] * w1[0] - j1[1] * w1[1] - j1[2] * w1[2]
 
-    def _in_plane(
-        self, a1: tuple[Scalar, Scalar, Scalar], a2: tuple[Scalar, Scalar, Scalar]
-    ) -> tuple[Scalar, Scalar]:
+    def _in_plane(self, a1: tuple[Scalar, Scalar, Scalar], a2: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         """|p1| |p2| times sine and cosine of the angle from p2 to p1, the parts of both perpendicular to the axis."""
         u1, v1, u2, v2 = self._u1, self._v1, self._u2, self._v2
         p1u, p1v = u1[0] * a1[0] + u1[1] * a1[1] + u1[2] * a1[2], v1[0] * a1[0] + v1[1] * a1[1] + v1[2] * a1[2]
@@ -191,6 +189,8 @@ class HingeFilter:
             else:
                 flags |= _UNOBSERVABLE
                 innovation = math.nan
+                if p00 > UNKNOWN_VARIANCE:
+                    p00, p01 = UNKNOWN_VARIANCE, 0.0
             before, rate_before = stamp, rate
             position.append(q)
             velocity.append(rate - b)

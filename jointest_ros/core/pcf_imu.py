@@ -8,7 +8,7 @@ from typing import Any
 from jointest_ros.core.frame import Frame, Status, Vec3
 from jointest_ros.core.pcf_attitude import STILL, UP, ComplementaryFilter, Gains, heading_north, world_field
 from jointest_ros.core.robot import Sensor
-from jointest_ros.core.rotation import between
+from jointest_ros.core.rotation import between, exp, multiply
 
 UNKNOWN_PERIOD = 0.01  # s, taken where the period is not known yet
 # Sums of IntFlag members cost half a microsecond each: plain numbers here.
@@ -73,7 +73,7 @@ class Imu:
 
 
 class AbsoluteImu:
-    """Algorithm 1 on one sensor: `attitude.rotation` is sensor to world (z up; y north where a magnetometer says so)."""
+    """Algorithm 1 on one sensor: `attitude.rotation` is sensor to world (z up; y north with a magnetometer)."""
 
     stamp: int | None  # ns, of the newest sample
     mag_stamp: int | None
@@ -98,12 +98,15 @@ class AbsoluteImu:
         else:
             elapsed = (frame.stamp - self.stamp) * 1e-9
             measured = self.gaps.measured(elapsed, frame.period)
-            if elapsed <= self.gaps.max_gap:
-                attitude.predict(elapsed, STILL, bridge(self.imu.before, gyro, elapsed, measured))
-            else:
+            rate, turned = bridge(self.imu.before, gyro, elapsed, measured), elapsed
+            if elapsed > self.gaps.max_gap:  # nobody knows: gravity alone, and no turn
+                turned = 0.0
                 attitude.align(UP, accel)
-            north = None if field is None else world_field(attitude.rotation, field)
-            attitude.correct(measured, UP, accel, north, field)
+            north = None
+            if field is not None:
+                turn = exp((rate[0] * turned, rate[1] * turned, rate[2] * turned))
+                north = world_field(multiply(attitude.rotation, turn), field)
+            attitude.step(turned, measured, STILL, rate, UP, accel, north, field)
         if field is not None:
             self.mag_stamp = frame.stamp
         self.imu.before, self.stamp = gyro, frame.stamp

@@ -110,20 +110,17 @@ class _Pair:
             self.variance = tuple([START_VARIANCE if s2 > _LEAST_LEVER else UNKNOWN_VARIANCE for s2 in levers])
             self.position = self._middles
         gap = self.gaps.spread(elapsed) if elapsed > self.gaps.max_gap else 0.0
+        decay, noise, correction = self.gains.kp * elapsed, self._gyro_density2, self._correction_density2
         position, variance, status = [], [], []
         for angle, near, before, s2 in zip(angles, self.position, self.variance, levers, strict=True):
             position.append(near + wrap(angle - near))
-            variance.append(self._spread(before, s2, elapsed) + gap)
+            kept = 1.0 - decay * s2 if decay * s2 < 1.0 else 0.0
+            after = kept * kept * before + (noise + correction * s2) * elapsed + gap
+            variance.append(after if after < UNKNOWN_VARIANCE else UNKNOWN_VARIANCE)
             status.append((_GAP if gap else 0) | (0 if s2 > _LEAST_LEVER else _UNOBSERVABLE))
         self.stamp, self.velocity = stamp, joint_rates(self.axes, angles, rate)
         self.position, self.variance, self.status = tuple(position), tuple(variance), tuple(status)
         return self.position, self.velocity, self.variance, self.status
-
-    def _spread(self, variance: float, lever2: float, elapsed: float) -> float:
-        """The variance of a coordinate after `elapsed` s, rad^2: what is seen decays at Kp, noise comes in."""
-        decay = max(0.0, 1.0 - self.gains.kp * lever2 * elapsed)
-        noise = (self._gyro_density2 + self._correction_density2 * lever2) * elapsed
-        return min(decay * decay * variance + noise, UNKNOWN_VARIANCE)
 
     def _levers(self, stamp: int, angles: tuple[float, ...], a2: Vec3) -> Sequence[float]:
         """How much of a turn of each coordinate the measured directions show, 0 (nothing) to 1.
@@ -133,9 +130,9 @@ class _Pair:
         """
         if self.mag_stamp is not None and (stamp - self.mag_stamp) * 1e-9 <= self.gaps.max_gap:
             return (1.0,) * len(angles)
-        if len(angles) == 1:
-            return (lever(self.axes[0], a2),)
-        gravity2 = dot(a2, a2) or math.inf
+        gravity2 = dot(a2, a2)
+        if len(angles) == 1 or gravity2 == 0.0:
+            return (lever(self.axes[0], a2),) * len(angles)
         return [max(0.0, 1.0 - t * t / gravity2) for t in joint_rates(self.axes, angles, a2)]
 
     def _extrapolate(self, stamp: int) -> JointOutput:
@@ -170,24 +167,22 @@ class RelativePair(_Pair):
         one_filter, gaps = self.filter, self.gaps
         elapsed = 0.0 if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
         measured = elapsed if elapsed <= 1.5 * frame.period else gaps.measured(elapsed, frame.period)
-        if self.stamp is None or elapsed > gaps.max_gap:
+        mean1, mean2, turned = w1, w2, elapsed
+        if self.stamp is None or elapsed > gaps.max_gap:  # nobody knows: gravity alone, and no turn
+            turned = 0.0
             if self.stamp is None or len(self.axes) == 1:
                 one_filter.rotation = self.first_guess(a1, a2)
             else:
                 one_filter.align(a1, a2)
-            rate = one_filter.predict(0.0, w1, w2)
-        elif measured == elapsed:
-            rate = one_filter.predict(elapsed, w1, w2)
-        else:
+        elif measured < elapsed:
             mean1 = bridge(self._imu1.before, w1, elapsed, measured)
             mean2 = bridge(self._imu2.before, w2, elapsed, measured)
-            rate = one_filter.predict(elapsed, mean1, mean2)
         m1 = m2 = None
         if self.gains.mag_weight:
             m1, m2 = frame.mag.get(self.parent.name), frame.mag.get(self.child.name)
             if m1 is not None and m2 is not None:
                 self.mag_stamp = frame.stamp
-        one_filter.correct(measured, a1, a2, m1, m2)
+        rate = one_filter.step(turned, measured, mean1, mean2, a1, a2, m1, m2)
         self._imu1.before, self._imu2.before = w1, w2
         return self._output(frame.stamp, one_filter.rotation, rate, a2, elapsed)
 
@@ -226,12 +221,18 @@ class RelativePair(_Pair):
 class AbsolutePair(_Pair):
     """R1^T R2 of two filters of Algorithm 1, which the estimator has updated already.
 
-    Without magnetometers every IMU has a heading of its own. Where the pair starts, the child and all IMUs `below` it in
-    the tree are turned about the vertical, so that the joint is in its place.
+    Without magnetometers every IMU has a heading of its own. Where the pair starts, the child and all IMUs `below` it
+    in the tree are turned about the vertical, so that the joint is in its place.
     """
 
     def __init__(
-        self, joint: Joint, parent: AbsoluteImu, child: AbsoluteImu, below: Sequence[AbsoluteImu], gains: Gains, gaps: Gaps
+        self,
+        joint: Joint,
+        parent: AbsoluteImu,
+        child: AbsoluteImu,
+        below: Sequence[AbsoluteImu],
+        gains: Gains,
+        gaps: Gaps,
     ) -> None:
         self._one, self._two, self._below = parent, child, below
         super().__init__(joint, parent.imu.sensor, child.imu.sensor, gains, gaps)

@@ -71,7 +71,7 @@ class ProcessNoise:
 
 
 def increments(paper: bool, white: Scalar, walk: Scalar, dt: float) -> tuple[Scalar, Scalar, Scalar]:
-    """What `dt` seconds add to the variance of angles, to the covariance of angles with biases, and to that of biases."""
+    """What `dt` s add to the covariance of angles, to that of angles with biases, and to that of biases."""
     if paper:
         return walk * (dt**4 / 4.0), walk * (dt**3 / 2.0), walk * dt**2
     return white * dt + walk * (dt**3 / 3.0), walk * (-(dt**2) / 2.0), walk * dt

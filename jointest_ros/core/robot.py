@@ -15,7 +15,7 @@ from functools import cached_property
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.hall_sensor import HallSensor
-from jointest_ros.core.rotation import IDENTITY, exp, multiply
+from jointest_ros.core.rotation import IDENTITY, exp, multiply, norm
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 
@@ -38,12 +38,25 @@ class Joint:
     limits: tuple[tuple[float, float], ...] | None = None
     continuous: bool = False
 
+    def __post_init__(self) -> None:
+        where, number = f"joint '{self.name}'", len(self.axes)
+        if not 1 <= number <= 3:
+            raise ConfigurationError(f"{where}.axes: {number} are not allowed; give one to three axes")
+        for axis in self.axes:
+            if not abs(norm(axis) - 1.0) < 1e-6:
+                raise ConfigurationError(f"{where}.axes: {axis} is not allowed; its length must be 1")
+        if self.limits is not None and len(self.limits) != number:
+            raise ConfigurationError(f"{where}.limits: {self.limits} is not allowed; give (low, high) for each axis")
+
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the joint positions, one an axis."""
+        """Names of the joint positions, one an axis: by letter, or by number where it has none or they repeat."""
         if len(self.axes) == 1:
             return (self.name,)
-        letters = [_axis_letter(axis) or str(number) for number, axis in enumerate(self.axes, 1)]
+        numbers = [str(number) for number, _ in enumerate(self.axes, 1)]
+        letters = [_axis_letter(axis) or number for axis, number in zip(self.axes, numbers, strict=True)]
+        if len(set(letters)) < len(letters):
+            letters = numbers
         return tuple(f"{self.name}_{letter}" for letter in letters)
 
 
@@ -93,8 +106,8 @@ class Robot:
     """Links, joints and sensors. Made once, checked when made. `hall` has the order of the voltages in `Frame.hall`.
 
     Raises:
-        ConfigurationError: a joint or sensor names an unknown link, a link has two parents, a joint closes a loop, a Hall
-            sensor names an unknown joint coordinate, sensors share a topic and cannot be told apart.
+        ConfigurationError: a joint or sensor names an unknown link, a link has two parents, a joint closes a loop, a
+            Hall sensor names an unknown joint coordinate, sensors share a topic and cannot be told apart.
     """
 
     links: tuple[str, ...]
@@ -115,7 +128,8 @@ class Robot:
             self._known_link(joint.child, f"joint '{joint.name}'.child")
             if joint.child in parent_of:
                 raise ConfigurationError(
-                    f"joint '{joint.name}'.child: '{joint.child}' has the parent '{parent_of[joint.child]}' already; a link has one parent"
+                    f"joint '{joint.name}'.child: '{joint.child}' has the parent '{parent_of[joint.child]}' already; "
+                    "a link has one parent"
                 )
             ancestor: str | None = joint.parent
             while ancestor is not None:
@@ -132,7 +146,8 @@ class Robot:
         for number, hall in enumerate(self.hall):
             if hall.joint not in self.coordinates:
                 raise ConfigurationError(
-                    f"hall[{number}].joint: '{hall.joint}' is not a joint coordinate; {_known(hall.joint, self.coordinates)}"
+                    f"hall[{number}].joint: '{hall.joint}' is no joint coordinate; "
+                    f"{_known(hall.joint, self.coordinates)}"
                 )
 
     @cached_property
@@ -165,7 +180,7 @@ class Robot:
         return tuple(sensor for sensor in self.sensors if sensor.link == link)
 
     def orientations(self, positions: Mapping[str, float]) -> dict[str, Quat]:
-        """Forward kinematics: orientation of every link in its root link, for joint positions in rad by coordinate name."""
+        """Forward kinematics: orientation of every link in its root link, for joint positions (rad) by coordinate."""
         turned: dict[str, Quat] = {}
         for joint in self.ordered_joints:
             q = turned.setdefault(joint.parent, IDENTITY)
@@ -185,7 +200,8 @@ class Robot:
                 for other, other_topic, other_id in taken:
                     if topic == other_topic and (not frame_id or not other_id or frame_id == other_id):
                         raise ConfigurationError(
-                            f"sensor '{sensor.name}'.topic: '{topic}' is that of '{other}' too; give each a topic or a frame_id of its own"
+                            f"sensor '{sensor.name}'.topic: '{topic}' is that of '{other}' too; "
+                            "give each a topic or a frame_id of its own"
                         )
                 taken.append((sensor.name, topic, frame_id))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class Stillness:
         accel_std: the same of an accelerometer axis, m/s^2.
         gyro_bias: largest mean rate of an axis that may be a bias, rad/s.
         window: length of a window, s.
+        accel: judge by the accelerometers too.
     """
 
     sensors: tuple[str, ...]
@@ -34,6 +36,7 @@ class Stillness:
     accel_std: float
     gyro_bias: float
     window: float = 0.5
+    accel: bool = True
     duration: float = 0.0  # s, still without interruption until the newest window
     gyro_mean: dict[str, FloatArray] = field(default_factory=dict)  # (3,) rad/s over `duration`
     accel_mean: dict[str, FloatArray] = field(default_factory=dict)  # (3,) m/s^2 over `duration`
@@ -86,6 +89,22 @@ class Stillness:
         self._frames = []
         self._moved()
 
+    def get_state(self) -> dict[str, Any]:
+        """All that changes, as plain numbers, lists and dicts."""
+        return {
+            "duration": self.duration,
+            "gyro_mean": {sensor: mean.tolist() for sensor, mean in self.gyro_mean.items()},
+            "accel_mean": {sensor: mean.tolist() for sensor, mean in self.accel_mean.items()},
+            "frames": [[frame.stamp, frame.gyro, frame.accel] for frame in self._frames],
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`."""
+        self.duration = state["duration"]
+        self.gyro_mean = {sensor: np.array(mean) for sensor, mean in state["gyro_mean"].items()}
+        self.accel_mean = {sensor: np.array(mean) for sensor, mean in state["accel_mean"].items()}
+        self._frames = [Frame(stamp, gyro, accel) for stamp, gyro, accel in state["frames"]]
+
     def _moved(self) -> None:
         self.duration = 0.0
         self.gyro_mean.clear()
@@ -94,8 +113,14 @@ class Stillness:
     def _judge(self, window: list[Recording]) -> bool:
         """Judge consecutive stretches which are one window, and take it into the means if it was still."""
         means: list[tuple[str, FloatArray, FloatArray]] = []
+        span = float(window[-1].stamps[-1] - window[0].stamps[0]) * 1e-9
+        if span > 2.0 * self.window:  # nobody knows what happened in between
+            self._moved()
+            return False
         for sensor in self.sensors:
             gyro, accel = (_rows([getattr(part, name).get(sensor) for part in window]) for name in ("gyro", "accel"))
+            if not self.accel:
+                accel = np.zeros_like(gyro)
             if len(gyro) < _FEWEST or len(accel) < _FEWEST:
                 self._moved()
                 return False
@@ -112,7 +137,6 @@ class Stillness:
                 self._moved()
                 return False
             means.append((sensor, gyro_mean, accel_mean))
-        span = float(window[-1].stamps[-1] - window[0].stamps[0]) * 1e-9
         share = span / (self.duration + span)
         for sensor, gyro_mean, accel_mean in means:
             for table, mean in ((self.gyro_mean, gyro_mean), (self.accel_mean, accel_mean)):

@@ -13,7 +13,8 @@ class Timing(Params):
 
     sync_tolerance: float = param(
         0.0,
-        "samples within this time of the earliest one make one frame; Hall messages are paired within it by arrival; 0: half the median period",
+        "samples within this time of the earliest one make one frame, Hall messages are paired within it by arrival; "
+        "at most half the period of the stream, which is also meant by 0",
         unit="s",
         low=0.0,
         high=1.0,
@@ -27,7 +28,8 @@ class Timing(Params):
     )
     max_gap: float = param(
         0.2,
-        "a longer gap between samples is flagged and predicted over with grown variance; a stamp further ahead must be confirmed by a second one",
+        "a longer gap between samples is flagged and bridged with grown variance; a stamp further ahead must be "
+        "confirmed by a second one",
         unit="s",
         low=0.001,
         high=60.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,7 +10,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Quat, Vec3
-from jointest_ros.core.linkage_rates import turn
 from jointest_ros.core.rotation import IDENTITY, exp, log, multiply
 
 
@@ -20,10 +20,17 @@ def torso_of(axes: Sequence[Vec3], angles: Sequence[float], composed: bool) -> t
     equation (14), which is the same for coaxial joints only.
     """
     if composed:
-        rotation = IDENTITY
-        for axis, angle in zip(axes, angles, strict=True):
-            rotation = multiply(rotation, turn(axis, angle))
-        return log(rotation), rotation
+        x, y, z, w = IDENTITY
+        for (a, b, c), angle in zip(axes, angles, strict=True):  # times exp(angle axis), written out
+            s, k = math.sin(0.5 * angle), math.cos(0.5 * angle)
+            a, b, c = a * s, b * s, c * s
+            x, y, z, w = (
+                w * a + x * k + y * c - z * b,
+                w * b - x * c + y * k + z * a,
+                w * c + x * b - y * a + z * k,
+                w * k - x * a - y * b - z * c,
+            )
+        return log((x, y, z, w)), (x, y, z, w)
     x = y = z = 0.0
     for axis, angle in zip(axes, angles, strict=True):
         x, y, z = x + axis[0] * angle, y + axis[1] * angle, z + axis[2] * angle
@@ -75,5 +82,5 @@ class GyroTorso:
     def set_state(self, state: list[Any]) -> None:
         """Continue from `get_state`."""
         angle, orientation, (first, last) = state
-        self.angle, self.orientation = tuple(angle), tuple(orientation)  # type: ignore[assignment]
+        self.angle, self.orientation = tuple(angle), tuple(orientation)
         self._held = (tuple(first), tuple(last))

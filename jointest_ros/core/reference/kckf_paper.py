@@ -17,7 +17,7 @@ from jointest_ros.core.frame import FloatArray
 def transition(n: int, dt: float, axes: int = 3) -> FloatArray:
     """A, equation (11)."""
     identity = np.eye(axes * (n + 1))
-    return np.block([[identity, -dt * identity], [np.zeros_like(identity), identity]])
+    return np.asarray(np.block([[identity, -dt * identity], [np.zeros_like(identity), identity]]))
 
 
 def input_matrix(n: int, dt: float, axes: int = 3, printed: bool = False) -> FloatArray:
@@ -26,13 +26,13 @@ def input_matrix(n: int, dt: float, axes: int = 3, printed: bool = False) -> Flo
     for joint in range(n):
         rows[joint, joint : joint + 2] = (-dt, dt)
     rows[n, 0], rows[n, n] = -dt, -dt if printed else dt
-    return np.kron(rows, np.eye(axes))
+    return np.asarray(np.kron(rows, np.eye(axes)))
 
 
 def process_noise(n: int, dt: float, axes: int = 3, cross_sign: float = 1.0) -> FloatArray:
     """Q, equation (13), deg^2. `cross_sign` -1 is the sign that belongs to (11); with (16) it is not stable."""
     cross = cross_sign * dt**3 / 2.0
-    return np.kron([[dt**4 / 4.0, cross], [cross, dt**2]], np.eye(axes * (n + 1)))
+    return np.asarray(np.kron([[dt**4 / 4.0, cross], [cross, dt**2]], np.eye(axes * (n + 1))))
 
 
 def measurement(n: int, rows: Sequence[int], axes: int = 3, constrained: bool = True) -> FloatArray:

@@ -1,0 +1,89 @@
+"""What the frame assembler keeps of its inputs: counters and period of each, and waiting Hall messages."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+NEVER = -(1 << 62)  # ns, before every stamp
+_INTERVALS = 31  # intervals behind one estimate of the period
+_FIRST_INTERVALS = 5
+_IMPLAUSIBLE_VOLTAGE = 1e3  # V
+
+
+@dataclass(slots=True)
+class Source:
+    """What one input delivered: `received == used + sum(refused.values()) +` samples that still wait."""
+
+    received: int = 0
+    used: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    last: int = NEVER  # ns, newest stamp
+    period: int = 0  # ns; 0: not known yet
+    intervals: list[int] = field(default_factory=list)
+
+    def accept(self, stamp: int) -> bool:
+        """Note a newer stamp. True when the period was found anew."""
+        intervals = self.intervals
+        if self.last != NEVER:
+            intervals.append(stamp - self.last)
+        self.last = stamp
+        if len(intervals) < (_INTERVALS if self.period else _FIRST_INTERVALS):
+            return False
+        # The lower quartile: lost samples make intervals longer, nothing makes many of them shorter.
+        self.period = sorted(intervals)[len(intervals) // 4]
+        intervals.clear()
+        return True
+
+
+class HallQueue:
+    """Hall messages by arrival, ns: they have no stamp of their own.
+
+    Attributes:
+        width: voltages in a message; 0 where the robot has no Hall sensors.
+        per_frame: every frame takes the message that arrived within a tolerance of its own first sample, and waits for
+            it. Without it the newest message is used, once.
+    """
+
+    def __init__(self, width: int, per_frame: bool) -> None:
+        self.width, self.per_frame = width, per_frame
+        self.source = Source()
+        self._waiting: deque[tuple[int, tuple[float, ...]]] = deque()
+
+    def add(self, voltages: tuple[float, ...], arrival: int, oldest: int) -> bool:
+        """Take a message; False where it is refused. Waiting ones that arrived before `oldest` are dropped."""
+        source = self.source
+        source.received += 1
+        if len(voltages) != self.width:
+            source.refused["wrong length"] += 1
+            return False
+        if any(abs(v) > _IMPLAUSIBLE_VOLTAGE for v in voltages):
+            source.refused["not finite" if any(map(math.isinf, voltages)) else "implausible"] += 1
+            return False
+        self.drop_before(oldest if self.per_frame else None)
+        self._waiting.append((arrival, voltages))
+        return True
+
+    def take(self, arrival: int, tolerance: int) -> tuple[float, ...] | None:
+        """The message for a frame whose first sample arrived at `arrival`; those too old for it are dropped."""
+        if self.per_frame:
+            self.drop_before(arrival - tolerance)
+            if self._waiting and self._waiting[0][0] > arrival + tolerance:
+                return None
+        if not self._waiting:
+            return None
+        self.source.used += 1
+        return self._waiting.popleft()[1]
+
+    @property
+    def awaited(self) -> bool:
+        """A frame without its message should wait for it: none is here."""
+        return self.width > 0 and self.per_frame and not self._waiting
+
+    def drop_before(self, arrival: int | None) -> None:
+        """Give up the messages that arrived before `arrival`; None: all."""
+        waiting = self._waiting
+        while waiting and (arrival is None or waiting[0][0] < arrival):
+            waiting.popleft()
+            self.source.refused["unpaired"] += 1
