@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from math import degrees
+from math import degrees, isfinite
 from typing import Any
 
 import yaml
 
+from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Robot, Sensor
 from jointest_ros.core.rotation import IDENTITY
 
@@ -21,6 +23,7 @@ def robot_yaml(robot: Robot, estimators: Mapping[str, Mapping[str, Any]], headin
             "joints": {joint.name: _joint(joint) for joint in robot.joints},
         },
         "sensors": {sensor.name: _sensor(sensor) for sensor in robot.sensors},
+        **({"hall": [hall_entry(hall) for hall in robot.hall]} if robot.hall else {}),
         "estimators": {name: dict(values) for name, values in estimators.items()},
     }
     comment = "".join(f"# {line}\n" for line in heading.splitlines())
@@ -39,6 +42,9 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 def _sensor(sensor: Sensor) -> dict[str, Any]:
     entry: dict[str, Any] = {"link": sensor.link, "position": list(sensor.position)}
+    for key, usual in (("topic", f"imu/{sensor.name}"), ("mag_topic", f"mag/{sensor.name}"), ("frame_id", "")):
+        if getattr(sensor, key) != usual:
+            entry[key] = getattr(sensor, key)
     if sensor.mounting != IDENTITY:
         entry["mounting"] = {"quaternion": list(sensor.mounting)}
     for field in ("gyro", "accel"):
@@ -48,9 +54,30 @@ def _sensor(sensor: Sensor) -> dict[str, Any]:
         entry["mag"] = True
     entry["gyro_noise_dps"] = _degrees(sensor.gyro_noise)
     entry["gyro_bias_walk_dps"] = _degrees(sensor.gyro_bias_walk)
-    entry["accel_noise_ug"] = round(sensor.accel_noise / STANDARD_GRAVITY * 1e6, 6)
+    entry["accel_noise_ug"] = _short(sensor.accel_noise / STANDARD_GRAVITY * 1e6)
+    if isfinite(sensor.gyro_range):
+        entry["gyro_range_dps"] = _degrees(sensor.gyro_range)
+    if isfinite(sensor.accel_range):
+        entry["accel_range_g"] = _short(sensor.accel_range / STANDARD_GRAVITY)
+    if sensor.delay:
+        entry["delay_ms"] = _short(sensor.delay * 1e3)
+    return entry
+
+
+def hall_entry(hall: HallSensor) -> dict[str, Any]:
+    """One Hall sensor as an entry of `hall:`."""
+    curve = {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(hall.curve).items()}
+    entry: dict[str, Any] = {"joint": hall.joint, "mirrored": hall.mirrored, "noise_v": hall.noise}
+    entry |= {"resolution_v": hall.resolution, "hall_range": list(hall.hall_range), "curve": curve}
+    if hall.offset:
+        entry["offset_v"] = hall.offset
     return entry
 
 
 def _degrees(radians: float) -> float:
-    return float(f"{degrees(radians):.9g}")
+    return _short(degrees(radians))
+
+
+def _short(value: float) -> float:
+    """Without the noise that a change of units leaves in the last digits."""
+    return float(f"{value:.9g}")

@@ -81,16 +81,18 @@ def _refusal(msgtype: str, data: bytes, error: Exception) -> CdrError:
     return CdrError(f"{msgtype}: malformed message of {len(data)} bytes ({error})")
 
 
-def _expect_little_endian(identifier: int) -> None:
+def _check_preamble(identifier: int, nanosec: int) -> None:
     if identifier != CDR_LE:
         raise ValueError("not CDR little endian")
+    if nanosec >= NANOSECONDS:  # the sum with the seconds might not fit into the stamp of an answer
+        raise ValueError(f"stamp with {nanosec} ns")
 
 
 def decode_imu(data: bytes) -> tuple[int, str, Vec3, Vec3]:
     """Stamp (ns), frame id, angular velocity (rad/s), linear acceleration (m/s^2) of a sensor_msgs/Imu."""
     try:
         identifier, sec, nanosec, _, frame_id, gx, gy, gz, ax, ay, az = _imu[data[12:16]].unpack_from(data)
-        _expect_little_endian(identifier)
+        _check_preamble(identifier, nanosec)
         return sec * NANOSECONDS + nanosec, _texts[frame_id], (gx, gy, gz), (ax, ay, az)
     except (struct.error, ValueError) as error:
         raise _refusal(IMU, data, error) from None
@@ -109,7 +111,7 @@ def decode_vector3_stamped(data: bytes) -> tuple[int, str, Vec3]:
 def _decode_vector(layouts: StampedLayouts, msgtype: str, data: bytes) -> tuple[int, str, Vec3]:
     try:
         identifier, sec, nanosec, _, frame_id, x, y, z = layouts[data[12:16]].unpack_from(data)
-        _expect_little_endian(identifier)
+        _check_preamble(identifier, nanosec)
         return sec * NANOSECONDS + nanosec, _texts[frame_id], (x, y, z)
     except (struct.error, ValueError) as error:
         raise _refusal(msgtype, data, error) from None
@@ -119,7 +121,7 @@ def decode_quaternion_stamped(data: bytes) -> tuple[int, str, Quat]:
     """Stamp (ns), frame id, quaternion (x, y, z, w) of a geometry_msgs/QuaternionStamped."""
     try:
         identifier, sec, nanosec, _, frame_id, x, y, z, w = QUATERNION_LAYOUTS[data[12:16]].unpack_from(data)
-        _expect_little_endian(identifier)
+        _check_preamble(identifier, nanosec)
         return sec * NANOSECONDS + nanosec, _texts[frame_id], (x, y, z, w)
     except (struct.error, ValueError) as error:
         raise _refusal(QUATERNION_STAMPED, data, error) from None
@@ -132,7 +134,7 @@ def decode_joint_state(data: bytes) -> tuple[int, tuple[str, ...], tuple[float, 
     """
     try:
         identifier, sec, nanosec = _preamble.unpack_from(data)
-        _expect_little_endian(identifier)
+        _check_preamble(identifier, nanosec)
         _, offset = _read_string(data, _preamble.size)
         names, offset = _read_strings(data, offset)
         position, offset = _read_doubles(data, offset)

@@ -16,7 +16,8 @@ from jointest_ros.bags.cdr import (
 )
 from jointest_ros.bags.errors import CdrError, UnknownEncoding
 from jointest_ros.bags.typestore import as_little_endian
-from jointest_ros.core.assembler import FrameAssembler, Source
+from jointest_ros.core.assembler import FrameAssembler
+from jointest_ros.core.assembler_inputs import Source
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Frame
 from jointest_ros.core.robot import Robot, Sensor
@@ -36,7 +37,7 @@ class Intake:
         assembler: with the counters of every sensor.
 
     Raises:
-        ConfigurationError: sensors share a topic without different frame ids.
+        ConfigurationError: a sensor has the topic of the Hall voltages.
     """
 
     def __init__(self, robot: Robot, timing: Timing) -> None:
@@ -50,14 +51,15 @@ class Intake:
             if sensor.gyro or sensor.accel:
                 imus.setdefault(sensor.topic, []).append(sensor)
         for topic, sensors in imus.items():
-            self._add(topic, IMU, self._imu_handler(topic, _by_frame_id(topic, sensors)))
+            # an empty frame id stands for any; `Robot` sees to it that it is then the only one
+            self._add(topic, IMU, self._imu_handler(topic, {sensor.frame_id: sensor.name for sensor in sensors}))
             self._sources[topic] = [self.assembler.sources[sensor.name] for sensor in sensors]
         for sensor in robot.sensors:
             if sensor.mag:
                 self._add(sensor.mag_topic, MAGNETIC_FIELD, self._mag_handler(sensor))
                 self._sources[sensor.mag_topic] = [self.assembler.mag_sources[sensor.name]]
         if robot.hall:
-            self._add(HALL_TOPIC, FLOAT32_MULTIARRAY, self._hall_handler())
+            self._add(HALL_TOPIC, FLOAT32_MULTIARRAY, self._hall_handler(robot))
             self._sources[HALL_TOPIC] = [self.assembler.hall_source]
 
     def counts(self, topic: str) -> dict[str, Any]:
@@ -78,9 +80,7 @@ class Intake:
 
     def _add(self, topic: str, msgtype: str, handler: Handler) -> None:
         if topic in self.topics:
-            raise ConfigurationError(
-                f"sensors: the topic '{topic}' is given to two kinds of sensor; topics must differ"
-            )
+            raise ConfigurationError(f"sensors: the topic '{topic}' is that of the Hall voltages; give another one")
         self.topics[topic], self.handlers[topic] = msgtype, handler
         self._refused[topic] = Counter()
 
@@ -111,10 +111,21 @@ class Intake:
 
         return handle
 
-    def _hall_handler(self) -> Handler:
+    def _hall_handler(self, robot: Robot) -> Handler:
+        joints, width = len({hall.joint for hall in robot.hall}), len(robot.hall)
+        layouts = {(), (width,), (joints, width // joints)}
+
         def handle(data: bytes, arrival: int) -> list[Frame]:
             decoded = self._decode(HALL_TOPIC, FLOAT32_MULTIARRAY, decode_float32_multiarray, data)
-            return [] if decoded is None else self.assembler.add_hall(decoded[0], arrival)
+            if decoded is None:
+                return []
+            voltages, dims = decoded
+            if dims and len(voltages) == width:  # another length is counted as such
+                labels, sizes = zip(*dims, strict=True)
+                if sizes not in layouts or labels == ("sensor", "joint"):
+                    self._refused[HALL_TOPIC]["wrong layout"] += 1
+                    return []
+            return self.assembler.add_hall(voltages, arrival)
 
         return handle
 
@@ -127,12 +138,3 @@ class Intake:
         except CdrError:
             self._refused[topic]["undecodable"] += 1
             return None
-
-
-def _by_frame_id(topic: str, sensors: list[Sensor]) -> dict[str, str]:
-    """frame id -> sensor name; the empty frame id stands for any."""
-    names = {sensor.frame_id: sensor.name for sensor in sensors}
-    if len(names) < len(sensors) or (len(sensors) > 1 and "" in names):
-        shared = ", ".join(sensor.name for sensor in sensors)
-        raise ConfigurationError(f"sensors: {shared} share the topic '{topic}'; give each a frame_id of its own")
-    return names

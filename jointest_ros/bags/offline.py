@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Any
@@ -25,6 +25,7 @@ _CHUNK = 2048  # frames between progress reports
 
 Progress = Callable[[int, int], None]  # messages done, messages in all
 Sink = Callable[[str, list[Estimate]], None]  # estimator name, consecutive estimates
+FrameSink = Callable[[list[Frame]], None]  # consecutive frames
 
 
 @dataclass
@@ -35,7 +36,7 @@ class Outcome:
         inputs: topic -> messages, used, refused by cause.
         frames: number of frames.
         truth: ground truth of the recording, empty where it has none.
-        ns_per_frame: estimator -> cost of one update, ns.
+        ns_per_frame: estimator -> cost of one update, ns; None where there was no frame.
         warnings: what a user should know, one line each.
         damage: why the recording could not be read to its end; empty when it could.
     """
@@ -43,7 +44,7 @@ class Outcome:
     inputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     frames: int = 0
     truth: Truth = field(default_factory=Truth)
-    ns_per_frame: dict[str, float] = field(default_factory=dict)
+    ns_per_frame: dict[str, float | None] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     damage: str = ""
 
@@ -61,6 +62,11 @@ class SeriesSink:
     def series(self, name: str) -> Series:
         """All estimates of one estimator."""
         return Series.concatenate(self._parts[name] or [Series.from_estimates([], self._joints[name])])
+
+
+def has_truth(reader: BagReader, namespace: str = "") -> bool:
+    """Whether a recording has a topic of ground truth."""
+    return any(reader.resolve(topic, namespace) for topic in (TRUTH_JOINTS, TRUTH_ORIENTATION))
 
 
 def check_topics(reader: BagReader, intake: Intake, namespace: str = "") -> tuple[dict[str, str], list[str]]:
@@ -94,12 +100,14 @@ def run(
     *,
     namespace: str = "",
     progress: Progress = lambda done, total: None,
+    frame_sink: FrameSink = lambda frames: None,
 ) -> Outcome:
     """Estimate a whole recording frame by frame, in the memory of one chunk.
 
     Args:
         reader: open.
         sink: takes the estimates of each estimator, chunk after chunk.
+        frame_sink: takes the frames themselves.
         namespace: put before the relative topic names.
 
     Raises:
@@ -114,37 +122,43 @@ def run(
 
     def estimate(frames: list[Frame]) -> None:
         outcome.frames += len(frames)
+        frame_sink(frames)
         for name, estimator in estimators.items():
             start = perf_counter_ns()
             estimates = [estimator.update(frame) for frame in frames]
             spent[name] += perf_counter_ns() - start
             sink(name, estimates)
 
+    def readable() -> Iterator[tuple[str, int, bytes]]:
+        """The messages up to a damage. What the sink raises is no damage, and does not end here."""
+        try:
+            yield from reader.messages((*handlers, *truth.handlers))
+        except BagError as error:
+            outcome.damage = str(error)
+
     frames: list[Frame] = []
     done = 0
-    try:
-        for topic, time, data in reader.messages((*handlers, *truth.handlers)):
-            done += 1
-            if topic in handlers:
-                frames += handlers[topic](data, time)
-                if len(frames) >= _CHUNK:
-                    estimate(frames)
-                    frames = []
-                    progress(done, total)
-            else:
-                truth.handlers[topic](data)
-    except BagError as error:
-        outcome.damage = str(error)
+    for topic, time, data in readable():
+        done += 1
+        if topic in handlers:
+            frames += handlers[topic](data, time)
+            if len(frames) >= _CHUNK:
+                estimate(frames)
+                frames = []
+                progress(done, total)
+        else:
+            truth.handlers[topic](data)
     frames += intake.flush()
     if frames:
         estimate(frames)
     progress(done, total)
     outcome.inputs = {topic: intake.counts(name) for topic, name in found.items()}
     outcome.truth = truth.truth()
-    outcome.ns_per_frame = {name: ns / outcome.frames if outcome.frames else math.nan for name, ns in spent.items()}
+    outcome.ns_per_frame = {name: ns / outcome.frames if outcome.frames else None for name, ns in spent.items()}
     if truth.refused:
         outcome.warnings.append(
-            f"{reader.path}: {truth.refused} ground truth messages refused (undecodable, or an older stamp)"
+            f"{reader.path}: {truth.refused} ground truth messages refused "
+            "(undecodable, an older stamp, or no quaternion of length 1)"
         )
     return outcome
 
@@ -192,8 +206,11 @@ class _TruthReader:
             self.refused += 1
             return
         stamps, rows = self._orientation.setdefault(sensor, (array("q"), array("d")))
-        if (stamps and stamp <= stamps[-1]) or not 0.9 < math.hypot(*quaternion) < 1.1:
+        if not 0.9 < math.hypot(*quaternion) < 1.1:
             self.refused += 1
+            return
+        if stamps and stamp <= stamps[-1]:
+            self.refused += stamp < stamps[-1]
             return
         stamps.append(stamp)
         rows.extend(quaternion)

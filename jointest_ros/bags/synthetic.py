@@ -19,8 +19,8 @@ Message = tuple[int, str, bytes]  # stamp ns (also its record time), topic as co
 
 def topics(robot: Robot) -> dict[str, str]:
     """Topic -> message type of all that `messages` yields for this robot."""
-    table = {_imu_topic(sensor): IMU for sensor in robot.sensors if sensor.gyro or sensor.accel}
-    table |= {_mag_topic(sensor): MAGNETIC_FIELD for sensor in robot.sensors if sensor.mag}
+    table = {sensor.topic: IMU for sensor in robot.sensors if sensor.gyro or sensor.accel}
+    table |= {sensor.mag_topic: MAGNETIC_FIELD for sensor in robot.sensors if sensor.mag}
     if robot.hall:
         table[HALL_TOPIC] = FLOAT32_MULTIARRAY
     return {**table, TRUTH_JOINTS: JOINT_STATE}
@@ -52,12 +52,12 @@ def _imu_column(sensor: Sensor, simulated: SimulatedRobot, rate_hz: float) -> _C
     nothing = [(float("nan"),) * 3] * len(simulated.recording)
     gyro = simulated.recording.gyro[sensor.name].tolist() if sensor.gyro else nothing
     accel = simulated.recording.accel[sensor.name].tolist() if sensor.accel else nothing
-    return _imu_topic(sensor), lambda k, stamp: encoder.encode(stamp, gyro[k], accel[k])
+    return sensor.topic, lambda k, stamp: encoder.encode(stamp, gyro[k], accel[k])
 
 
 def _mag_column(sensor: Sensor, field: FloatArray) -> _Column:
     rows: list[Vec3] = [(x, y, z) for x, y, z in field.tolist()]
-    return _mag_topic(sensor), lambda k, stamp: encode_magnetic_field(stamp, sensor.frame_id or sensor.name, rows[k])
+    return sensor.mag_topic, lambda k, stamp: encode_magnetic_field(stamp, sensor.frame_id or sensor.name, rows[k])
 
 
 def _hall_column(robot: Robot, voltages: FloatArray) -> _Column:
@@ -71,11 +71,3 @@ def _truth_column(simulated: SimulatedRobot) -> _Column:
     encoder = JointStateEncoder(simulated.joint_names)
     position, velocity = simulated.truth_position.tolist(), simulated.truth_velocity.tolist()
     return TRUTH_JOINTS, lambda k, stamp: encoder.encode(stamp, position[k], velocity[k])
-
-
-def _imu_topic(sensor: Sensor) -> str:
-    return sensor.topic or f"imu/{sensor.name}"
-
-
-def _mag_topic(sensor: Sensor) -> str:
-    return sensor.mag_topic or f"mag/{sensor.name}"

@@ -34,9 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
     convert = FORMATS[arguments.format].function
     with progress(f"convert {arguments.source.name}") as report:
         summary = convert(arguments.source, arguments.output, arguments.storage, report, arguments.overwrite)
-    out.print(f"{summary.bag}: {summary.duration_s:.1f} s", markup=False)
+    out.print(f"{summary.bag}: {summary.duration_s:.1f} s")
     for topic, count in summary.messages.items():
-        out.print(f"  {topic}  {count} messages", markup=False)
+        out.print(f"  {topic}  {count} messages")
     for note in summary.notes:
-        out.print(f"  {note}", markup=False)
+        out.print(f"  {note}")
     return 0

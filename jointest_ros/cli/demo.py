@@ -58,9 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     out.print(
         "\nThe same on a robot, each in a terminal of its own (the first one stands for your sensors):", style="bold"
     )
-    out.print(f"  ros2 run jointest_ros sim_hardware_node --ros-args -p source:=bag -p bag:={bag}", markup=False)
+    out.print(f"  ros2 run jointest_ros sim_hardware_node --ros-args -p source:=bag -p bag:={bag}")
     for name in names:
         space = f" -r __ns:=/{name} -p sensor_namespace:=/" if len(names) > 1 else ""
-        out.print(f"  ros2 run jointest_ros {name}_node --ros-args -p config:={path}{space}", markup=False)
-    out.print(f"  ros2 topic echo {'/' + names[0] if len(names) > 1 else ''}/joint_states", markup=False)
+        out.print(f"  ros2 run jointest_ros {name}_node --ros-args -p config:={path}{space}")
+    out.print(f"  ros2 topic echo {'/' + names[0] if len(names) > 1 else ''}/joint_states")
     return 0

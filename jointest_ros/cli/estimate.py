@@ -12,12 +12,12 @@ from typing import Any
 from jointest_ros import config
 from jointest_ros.bags import offline
 from jointest_ros.bags.cdr import JOINT_STATE
-from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter
-from jointest_ros.cli.common import Parsers, add_config, err, load_estimators, out, progress, warn
+from jointest_ros.cli.common import OutputError, Parsers, add_config, complain, load_estimators, out, progress, warn
+from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate
 
@@ -51,19 +51,22 @@ def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
     configuration = config.load(arguments.config)
     estimators = load_estimators(configuration, arguments.estimator)
+    if not any(estimator.joints for estimator in estimators.values()):
+        raise ConfigurationError(f"{configuration.path}: robot.joints: none; there is no joint angle to estimate")
+    source = arguments.bag.resolve()
+    if arguments.output.resolve() in (source, *source.parents):
+        raise OutputError(f"{arguments.output}: is the recording itself; choose another name")
     intake = Intake(configuration.robot, configuration.timing)
     with BagReader(arguments.bag) as reader, progress(f"estimate {arguments.bag}") as report:
         offline.check_topics(reader, intake, arguments.namespace)
-        make_sink = _csv_sink if arguments.output.suffix == ".csv" else _bag_sink
+        make_sink = _csv_sink if arguments.output.suffix.lower() == ".csv" else _bag_sink
         with make_sink(arguments, estimators) as sink:
             outcome = offline.run(reader, intake, estimators, sink, namespace=arguments.namespace, progress=report)
     for text in outcome.warnings:
         warn(text)
-    out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}", markup=False)
+    out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}")
     if outcome.damage:
-        err.print(
-            f"jointest estimate: error: {outcome.damage}; what came before is in {arguments.output}", markup=False
-        )
+        complain("estimate", f"{outcome.damage}; what came before is in {arguments.output}")
         return 2
     return 0
 
@@ -72,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _csv_sink(arguments: argparse.Namespace, estimators: dict[str, Estimator]) -> Iterator[offline.Sink]:
     """Rows of all estimators side by side: each gets the same frames."""
     if arguments.output.exists() and not arguments.overwrite:
-        raise BagError(f"{arguments.output}: exists already; remove it, choose another name or give --overwrite")
+        raise OutputError(f"{arguments.output}: exists already; remove it, choose another name or give --overwrite")
     header = ["stamp_ns"]
     for name, estimator in estimators.items():
         prefix = f"{name}/" if len(estimators) > 1 else ""
@@ -80,22 +83,21 @@ def _csv_sink(arguments: argparse.Namespace, estimators: dict[str, Estimator]) -
             header += [f"{prefix}{joint}_{what}" for what in ("rad", "rad_s", "std_rad", "status")]
     waiting: list[list[Estimate]] = []
     try:
-        arguments.output.touch()
+        with arguments.output.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+
+            def sink(_name: str, estimates: list[Estimate]) -> None:
+                waiting.append(estimates)
+                if len(waiting) == len(estimators):
+                    writer.writerows(
+                        [row[0].stamp, *(v for e in row for v in _values(e))] for row in zip(*waiting, strict=True)
+                    )
+                    waiting.clear()
+
+            yield sink
     except OSError as error:
-        raise BagError(f"{arguments.output}: cannot be written: {error.strerror}") from None
-    with arguments.output.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-
-        def sink(_name: str, estimates: list[Estimate]) -> None:
-            waiting.append(estimates)
-            if len(waiting) == len(estimators):
-                writer.writerows(
-                    [row[0].stamp, *(v for e in row for v in _values(e))] for row in zip(*waiting, strict=True)
-                )
-                waiting.clear()
-
-        yield sink
+        raise OutputError(f"{arguments.output}: cannot be written: {error.strerror}") from None
 
 
 def _values(estimate: Estimate) -> Iterator[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,23 @@ from jointest_ros.bags import offline
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.cli.common import Parsers, add_config, err, load_estimators, out, progress, warn
+from jointest_ros.cli.common import (
+    Parsers,
+    add_config,
+    complain,
+    err,
+    load_estimators,
+    out,
+    progress,
+    warn,
+    write_text,
+)
 from jointest_ros.cli.tables import error_tables, input_table
 from jointest_ros.config import Configuration
+from jointest_ros.core.frame import Series
+from jointest_ros.evaluation import plots
 from jointest_ros.evaluation.metrics import errors, has_figures
+from jointest_ros.evaluation.truth import Truth
 
 SCHEMA = 1
 
@@ -42,56 +56,90 @@ def add_parser(commands: Parsers[Any]) -> None:
         metavar="FILE",
         help="write the figures as JSON, '-': to standard output; a list for several recordings",
     )
+    parser.add_argument(
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="draw estimates, truth and errors: *.png, *.svg or *.pdf; for several recordings FILE_<recording>",
+    )
     parser.set_defaults(run=run)
 
 
+@dataclass(frozen=True)
+class Evaluation:
+    """What one recording gave.
+
+    Attributes:
+        document: the JSON of the design.
+        damage: why the recording could not be read to its end, or "".
+        series: estimates by estimator.
+        joints: columns of the series by estimator.
+        truth: what they are compared with.
+    """
+
+    document: dict[str, Any]
+    damage: str
+    series: dict[str, Series]
+    joints: dict[str, tuple[str, ...]]
+    truth: Truth
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Body of the command."""
+    """Body of the command. A recording that cannot be evaluated does not keep the others from it."""
     if not math.isfinite(arguments.skip) or arguments.skip < 0.0:
         raise BagError(f"--skip: {arguments.skip} is not allowed; give 0 or more seconds")
+    pictures = _pictures(arguments.plot, arguments.bags)
     configuration = config.load(arguments.config)
+    load_estimators(configuration, arguments.estimator)
     documents, code = [], 0
-    for bag in arguments.bags:
-        document, damage = evaluate(bag, configuration, arguments.estimator, arguments.skip, arguments.namespace)
-        documents.append(document)
-        if arguments.json != "-":
-            out.print(f"{bag}: {document['duration_s']:.1f} s, after {arguments.skip:g} s", markup=False)
-            for table in (*error_tables(document["estimators"]), input_table(document["input"])):
-                out.print(table)
-        if damage:
-            err.print(f"jointest evaluate: error: {damage}; the figures are of what came before", markup=False)
+    for bag, picture in zip(arguments.bags, pictures, strict=True):
+        try:
+            done = evaluate(bag, configuration, arguments.estimator, arguments.skip, arguments.namespace)
+        except BagError as error:
+            complain("evaluate", error)
             code = 2
-    if arguments.json:
-        _write_json(arguments.json, documents[0] if len(documents) == 1 else documents)
+            continue
+        documents.append(done.document)
+        if arguments.json != "-":
+            out.print(f"{bag}: {done.document['duration_s']:.1f} s, after {arguments.skip:g} s")
+            for table in (*error_tables(done.document["estimators"]), input_table(done.document["input"])):
+                out.print(table)
+        if done.damage:
+            complain("evaluate", f"{done.damage}; the figures are of what came before")
+            code = 2
+        if picture:
+            _plot(picture, bag, done, arguments.skip, _continuous(configuration))
+    if arguments.json and documents:
+        _write_json(arguments.json, documents if len(arguments.bags) > 1 else documents[0])
     return code
 
 
 def evaluate(
     bag: Path, configuration: Configuration, chosen: list[str] | None, skip_s: float, namespace: str = ""
-) -> tuple[dict[str, Any], str]:
-    """(the JSON of the design for one recording, why it could not be read to its end or "").
+) -> Evaluation:
+    """Run estimators over one recording and compare with its ground truth.
 
     Raises:
         BagError: the recording cannot be read, does not fit the configuration or has no ground truth of its joints.
     """
     estimators = load_estimators(configuration, chosen)
-    continuous = {name for joint in configuration.robot.joints if joint.continuous for name in joint.coordinates}
     intake = Intake(configuration.robot, configuration.timing)
     sink = offline.SeriesSink(estimators)
     with BagReader(bag) as reader, progress(f"evaluate {bag}") as report:
+        if not offline.has_truth(reader, namespace):
+            raise BagError(
+                f"{bag}: no ground truth (topics {offline.TRUTH_JOINTS}, {offline.TRUTH_ORIENTATION}); "
+                "`jointest estimate` does without"
+            )
         outcome = offline.run(reader, intake, estimators, sink, namespace=namespace, progress=report)
         duration = reader.duration_s
-    if not outcome.truth:
-        raise BagError(
-            f"{bag}: no ground truth (topics {offline.TRUTH_JOINTS}, {offline.TRUTH_ORIENTATION}); "
-            "`jointest estimate` does without"
-        )
+    series = {name: sink.series(name) for name in estimators}
     tables = {}
     for name, estimator in estimators.items():
-        tables[name] = errors(sink.series(name), estimator.joints, outcome.truth, skip_s, continuous)
+        tables[name] = errors(series[name], estimator.joints, outcome.truth, skip_s, _continuous(configuration))
         tables[name] |= {"ns_per_frame": outcome.ns_per_frame[name], "frames": outcome.frames}
     if not any(has_figures(table) for table in tables.values()):
-        known = ", ".join([*outcome.truth.position, *outcome.truth.orientation])
+        known = ", ".join([*outcome.truth.position, *outcome.truth.orientation]) or "nothing that can be read"
         raise BagError(f"{bag}: no estimate matches the ground truth (of {known}) after {skip_s:g} s")
     for text in outcome.warnings:
         warn(text)
@@ -102,16 +150,37 @@ def evaluate(
         "estimators": tables,
         "input": outcome.inputs,
     }
-    return document, outcome.damage
+    joints = {name: estimator.joints for name, estimator in estimators.items()}
+    return Evaluation(document, outcome.damage, series, joints, outcome.truth)
+
+
+def _continuous(configuration: Configuration) -> set[str]:
+    return {name for joint in configuration.robot.joints if joint.continuous for name in joint.coordinates}
+
+
+def _pictures(target: Path | None, bags: list[Path]) -> list[Path | None]:
+    """Where the picture of each recording goes."""
+    if target is None:
+        return [None] * len(bags)
+    plots.check_suffix(target)
+    if len(bags) == 1:
+        return [target]
+    names = [bag.resolve().name for bag in bags]
+    unique = [name if names.count(name) == 1 else f"{name}_{number}" for number, name in enumerate(names, 1)]
+    return [target.with_name(f"{target.stem}_{name}{target.suffix}") for name in unique]
+
+
+def _plot(picture: Path, bag: Path, done: Evaluation, skip_s: float, continuous: set[str]) -> None:
+    shown = plots.panels(done.series, done.joints, done.truth, skip_s, continuous)
+    after = f", without the first {skip_s:g} s" if skip_s else ""
+    plots.draw(picture, f"{bag.resolve().name}: {done.document['duration_s']:.1f} s{after}", shown)
+    err.print(f"{picture}: picture")
 
 
 def _write_json(target: str, document: Any) -> None:
     text = json.dumps(document, indent=2, allow_nan=False)
     if target == "-":
-        out.print(text, markup=False)
+        out.print(text)
         return
-    try:
-        Path(target).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise BagError(f"{target}: cannot be written: {error.strerror}") from None
-    out.print(f"{target}: figures", markup=False)
+    write_text(Path(target), text + "\n")
+    out.print(f"{target}: figures")

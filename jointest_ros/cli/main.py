@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 from jointest_ros import __version__
-from jointest_ros.cli import convert, demo, estimate, evaluate, simulate
+from jointest_ros.cli import calibrate, convert, demo, estimate, evaluate, reproduce, simulate
+from jointest_ros.cli.common import complain
 from jointest_ros.core.errors import JointestError
 
 BAD_INPUT = 2
@@ -30,22 +32,27 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"jointest {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (demo, simulate, convert, estimate, evaluate):
+    for module in (demo, simulate, convert, estimate, evaluate, calibrate, reproduce):
         module.add_parser(commands)
     return parser
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run one command; its exit code."""
-    parsed = make_parser().parse_args(args)
+    """Run one command; its exit code. Raises SystemExit for `--help` and for arguments that are none, with code 2."""
+    parser = make_parser()
+    args = sys.argv[1:] if args is None else args
+    if not args:
+        parser.print_help()
+        return 0
+    parsed = parser.parse_args(args)
     try:
         return int(parsed.run(parsed))
     except JointestError as error:
-        print(f"jointest {parsed.command}: error: {error}", file=sys.stderr)
+        complain(parsed.command, error)
         return BAD_INPUT
     except KeyboardInterrupt:
         print(f"jointest {parsed.command}: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output went away, as `| head` does
-        sys.stderr.close()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python writes when it ends
         return 0

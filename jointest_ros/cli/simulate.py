@@ -11,7 +11,7 @@ from jointest_ros.bags import synthetic
 from jointest_ros.bags.cdr import JOINT_STATE
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter
-from jointest_ros.cli.common import Parsers, out, progress
+from jointest_ros.cli.common import Parsers, out, progress, write_text
 from jointest_ros.config_text import robot_yaml
 from jointest_ros.core.params import allowed_text
 from jointest_ros.sim.scenarios import SCENARIOS, Rig
@@ -40,7 +40,7 @@ def add_parser(commands: Parsers[Any]) -> None:
             "-o", "--output", required=True, type=Path, metavar="BAG", help="directory of the new recording"
         )
         one.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
-        one.add_argument("--overwrite", action="store_true", help="replace a recording of that name")
+        one.add_argument("--overwrite", action="store_true", help="replace a recording of that name and its BAG.yaml")
         for spec in dataclasses.fields(rig.options):
             _add_option(one, spec)
         one.set_defaults(run=run)
@@ -48,7 +48,7 @@ def add_parser(commands: Parsers[Any]) -> None:
 
 def _add_option(parser: argparse.ArgumentParser, spec: dataclasses.Field[Any]) -> None:
     """An option from the declaration of a parameter; its range is checked where it is declared."""
-    flag = f"--{spec.name.removesuffix('_hz').removesuffix('_s').removesuffix('_deg').replace('_', '-')}"
+    flag = f"--{_flag(spec)}"
     default: Any = spec.default
     text = f"{spec.metadata['description']} ({allowed_text(spec)}; default: {default})"
     if isinstance(default, bool):
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     rig: Rig = SCENARIOS[arguments.rig]
     names = [spec.name for spec in dataclasses.fields(rig.options)]
     options = read_options(rig.options, {name: getattr(arguments, name) for name in names})
-    configuration = arguments.output.with_name(f"{arguments.output.name}.yaml")
+    configuration = arguments.output.parent / f"{arguments.output.name}.yaml"
     if configuration.exists() and not arguments.overwrite:
         raise BagError(f"{configuration}: exists already; remove it, choose another name or give --overwrite")
     robot = next(rig.stretches(options)).robot
@@ -80,15 +80,20 @@ def run(arguments: argparse.Namespace) -> int:
         command = f"jointest simulate {rig.name} -o {arguments.output.name}"
         chosen = "".join(_given(spec, getattr(options, spec.name)) for spec in dataclasses.fields(rig.options))
         heading = f"The robot of the recording beside it, with its true mountings. Made by:\n{command}{chosen}"
-        configuration.write_text(robot_yaml(robot, rig.estimators, heading), encoding="utf-8")
-    out.print(f"{arguments.output}: {options.duration_s:g} s at {options.rate_hz:g} Hz, {total} messages", markup=False)
-    out.print(f"{configuration}: its robot", markup=False)
-    out.print(f"next: jointest evaluate {arguments.output} --config {configuration}", markup=False)
+        write_text(configuration, robot_yaml(robot, rig.estimators, heading))
+    out.print(f"{arguments.output}: {options.duration_s:g} s at {options.rate_hz:g} Hz, {total} messages")
+    out.print(f"{configuration}: its robot")
+    out.print(f"next: jointest evaluate {arguments.output} --config {configuration}")
     return 0
 
 
 def _given(spec: dataclasses.Field[Any], value: Any) -> str:
     if value == spec.default:
         return ""
-    flag = spec.name.removesuffix("_hz").removesuffix("_s").removesuffix("_deg").replace("_", "-")
-    return f" --{'' if value else 'no-'}{flag}" if isinstance(value, bool) else f" --{flag} {value}"
+    if isinstance(value, bool):
+        return f" --{'' if value else 'no-'}{_flag(spec)}"
+    return f" --{_flag(spec)} {value}"
+
+
+def _flag(spec: dataclasses.Field[Any]) -> str:
+    return spec.name.removesuffix("_hz").removesuffix("_s").removesuffix("_deg").replace("_", "-")

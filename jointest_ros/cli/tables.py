@@ -11,9 +11,9 @@ _COLUMNS = (("rmse_deg", "rmse"), ("bias_deg", "bias"), ("std_deg", "std"), ("ma
 
 
 def error_tables(estimators: dict[str, dict[str, Any]]) -> Iterator[Table]:
-    """Joint errors of all estimators, then velocity and inclination errors where there are any."""
-    yield _table("joint angle errors, deg", estimators, lambda figures: figures["joints"])
+    """Joint, velocity and inclination errors of all estimators, where there are any."""
     for title, rows in (
+        ("joint angle errors, deg", lambda figures: figures["joints"]),
         ("joint velocity errors, deg/s", lambda figures: figures["velocities"]),
         ("inclination errors, deg", lambda figures: {s: f["inclination"] for s, f in figures["orientation"].items()}),
     ):

@@ -8,7 +8,8 @@ deviation, `coverage` the matched share of the truth samples.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,27 @@ from jointest_ros.core.frame import FloatArray, Series, Status
 from jointest_ros.evaluation.truth import Truth, match
 
 UNUSABLE = int(Status.STARTING | Status.STALE)  # such a position is not published, and not judged
+
+
+@dataclass(frozen=True)
+class MatchedError:
+    """The truth samples that an estimate matches.
+
+    Attributes:
+        stamps: (K,) of the truth, ns.
+        rows: (K,) of the series.
+        degrees: (K,) estimate minus truth, deg or deg/s.
+        expected: number of truth samples that could have been matched.
+    """
+
+    stamps: NDArray[np.int64]
+    rows: NDArray[np.intp]
+    degrees: FloatArray
+    expected: int
+
+    def figures(self) -> dict[str, float | int | None]:
+        """As in the JSON."""
+        return summarize(self.degrees, self.expected)
 
 
 def summarize(error_deg: FloatArray, expected: int) -> dict[str, float | int | None]:
@@ -33,51 +55,50 @@ def summarize(error_deg: FloatArray, expected: int) -> dict[str, float | int | N
     return figures
 
 
-def joint_errors(
-    series: Series, joints: tuple[str, ...], truth: Truth, skip_s: float = 0.0, continuous: Collection[str] = ()
-) -> dict[str, dict[str, Any]]:
-    """`joints` and `velocities` of the JSON for every joint that has a truth.
+def joint_error(
+    series: Series,
+    column: int,
+    truth: Truth,
+    joint: str,
+    skip_s: float = 0.0,
+    *,
+    of: Literal["position", "velocity"] = "position",
+    wrapped: bool = False,
+) -> MatchedError | None:
+    """Error of one joint, which is `column` of the series; None where the truth says nothing of it.
 
     Args:
-        series: estimates, columns as `joints`.
         skip_s: truth samples before this time after the first are left out, s.
-        continuous: joints whose error is wrapped to [-180, 180) deg.
+        wrapped: to [-180, 180) deg, for a position of a continuous joint.
     """
-    kept = _after(truth.stamps, skip_s)
-    positions: dict[str, Any] = {}
-    velocities: dict[str, Any] = {}
-    for column, joint in enumerate(joints):
-        usable = (series.status[:, column] & UNUSABLE) == 0
-        for table, estimates, truths in (
-            (positions, series.position, truth.position),
-            (velocities, series.velocity, truth.velocity),
-        ):
-            if joint not in truths or not np.isfinite(truths[joint][kept]).any():
-                continue
-            known = kept & np.isfinite(truths[joint])
-            rows, matched = match(series.stamps[usable], truth.stamps[known])
-            error = np.degrees(estimates[usable, column][rows] - truths[joint][known][matched])
-            if table is positions and joint in continuous:
-                error = (error + 180.0) % 360.0 - 180.0
-            table[joint] = summarize(error, int(known.sum()))
-    return {"joints": positions, "velocities": velocities}
+    estimates: FloatArray = getattr(series, of)[:, column]
+    truths: FloatArray | None = getattr(truth, of).get(joint)
+    if truths is None:
+        return None
+    known = after(truth.stamps, skip_s) & np.isfinite(truths)
+    if not known.any():
+        return None
+    usable = np.flatnonzero(((series.status[:, column] & UNUSABLE) == 0) & np.isfinite(estimates))
+    rows, matched = match(series.stamps[usable], truth.stamps[known])
+    rows = usable[rows]
+    degrees = np.degrees(estimates[rows] - truths[known][matched])
+    if wrapped:
+        degrees = (degrees + 180.0) % 360.0 - 180.0
+    return MatchedError(truth.stamps[known][matched], rows, degrees, int(known.sum()))
 
 
-def inclination_errors(series: Series, truth: Truth, skip_s: float = 0.0) -> dict[str, dict[str, Any]]:
-    """`orientation` of the JSON: angle between estimated and true vertical of every sensor, degrees."""
-    table: dict[str, Any] = {}
-    for sensor, (stamps, quaternions) in truth.orientation.items():
-        if sensor not in series.orientation:
-            continue
-        estimates = series.orientation[sensor]
-        usable = np.isfinite(estimates).all(axis=1)
-        kept = _after(stamps, skip_s)
-        rows, matched = match(series.stamps[usable], stamps[kept])
-        error = np.empty(0)
-        if len(rows):
-            error = inclination_deg(estimates[usable][rows], quaternions[kept][matched])
-        table[sensor] = {"inclination": summarize(error, int(kept.sum()))}
-    return table
+def inclination_error(series: Series, truth: Truth, sensor: str, skip_s: float = 0.0) -> MatchedError | None:
+    """Angle between the estimated and the true vertical of one sensor; None where either has no orientation of it."""
+    if sensor not in truth.orientation or sensor not in series.orientation:
+        return None
+    stamps, quaternions = truth.orientation[sensor]
+    estimates = series.orientation[sensor]
+    kept = after(stamps, skip_s)
+    usable = np.flatnonzero(np.isfinite(estimates).all(axis=1))
+    rows, matched = match(series.stamps[usable], stamps[kept])
+    rows = usable[rows]
+    degrees = inclination_deg(estimates[rows], quaternions[kept][matched]) if len(rows) else np.empty(0)
+    return MatchedError(stamps[kept][matched], rows, degrees, int(kept.sum()))
 
 
 def inclination_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
@@ -89,11 +110,31 @@ def inclination_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
 
 
 def errors(
-    series: Series, joints: tuple[str, ...], truth: Truth, skip_s: float, continuous: Collection[str]
+    series: Series, joints: tuple[str, ...], truth: Truth, skip_s: float = 0.0, continuous: Collection[str] = ()
 ) -> dict[str, Any]:
-    """All error figures of one estimator, keyed as in the JSON of the design."""
-    table: dict[str, Any] = joint_errors(series, joints, truth, skip_s, continuous)
-    return {**table, "torso": {}, "orientation": inclination_errors(series, truth, skip_s), "nis": None, "nees": None}
+    """All error figures of one estimator, keyed as in the JSON of the design.
+
+    Args:
+        series: estimates, columns as `joints`.
+        skip_s: truth samples before this time after the first are left out, s.
+        continuous: joints whose error is wrapped to [-180, 180) deg.
+    """
+    positions: dict[str, Any] = {}
+    velocities: dict[str, Any] = {}
+    for column, joint in enumerate(joints):
+        if error := joint_error(series, column, truth, joint, skip_s, wrapped=joint in continuous):
+            positions[joint] = error.figures()
+        if error := joint_error(series, column, truth, joint, skip_s, of="velocity"):
+            velocities[joint] = error.figures()
+    inclinations = {sensor: inclination_error(series, truth, sensor, skip_s) for sensor in truth.orientation}
+    return {
+        "joints": positions,
+        "velocities": velocities,
+        "torso": {},
+        "orientation": {sensor: {"inclination": error.figures()} for sensor, error in inclinations.items() if error},
+        "nis": None,
+        "nees": None,
+    }
 
 
 def has_figures(table: Mapping[str, Any]) -> bool:
@@ -102,7 +143,8 @@ def has_figures(table: Mapping[str, Any]) -> bool:
     return any(figure["samples"] for figure in figures)
 
 
-def _after(stamps: NDArray[np.int64], skip_s: float) -> NDArray[np.bool_]:
+def after(stamps: NDArray[np.int64], skip_s: float) -> NDArray[np.bool_]:
+    """(N,) mask of the stamps that come `skip_s` seconds after the first, or later."""
     if not len(stamps):
         return np.zeros(0, dtype=bool)
-    return np.asarray(stamps - stamps[0] >= round(skip_s * 1e9))
+    return np.asarray(stamps - stamps[0] >= round(min(skip_s, 1e9) * 1e9))

@@ -1,0 +1,104 @@
+"""The Hall voltages of a recording and the ground truth beside them, paired as the estimators pair them."""
+
+from __future__ import annotations
+
+from array import array
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointest_ros.bags import offline
+from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, JOINT_STATE, decode_float32_multiarray
+from jointest_ros.bags.errors import BagError, CdrError
+from jointest_ros.bags.intake import HALL_TOPIC, Intake
+from jointest_ros.bags.reader import BagReader
+from jointest_ros.core.frame import FloatArray, Frame
+from jointest_ros.core.robot import Robot
+from jointest_ros.core.timing import Timing
+from jointest_ros.evaluation.truth import Truth
+
+_USUAL = 0.9  # share of the Hall messages that are used when all is well
+
+
+@dataclass
+class HallReadings:
+    """N readings of h sensors.
+
+    Attributes:
+        stamps: (N,) ns, rising, of the frame that a message belongs to; its record time where there are no frames.
+        volts: (N, h) in the order of the configuration, NaN where there is no reading.
+        truth: of the recording.
+        warnings: what a user should know, one line each.
+        damage: why the recording could not be read to its end; empty when it could.
+    """
+
+    stamps: NDArray[np.int64]
+    volts: FloatArray
+    truth: Truth
+    warnings: list[str]
+    damage: str
+
+
+def read_hall(
+    reader: BagReader,
+    robot: Robot,
+    timing: Timing,
+    namespace: str = "",
+    progress: offline.Progress = lambda done, total: None,
+) -> HallReadings:
+    """Read them from an open recording.
+
+    Raises:
+        BagError: the Hall topic or the ground truth of the joints is absent or of another type, or no Hall message can
+            be used.
+    """
+    topic = reader.require(HALL_TOPIC, FLOAT32_MULTIARRAY, namespace)
+    reader.require(offline.TRUTH_JOINTS, JOINT_STATE, namespace)
+    stamps, volts = array("q"), array("d")
+
+    def collect(frames: list[Frame]) -> None:
+        for frame in frames:
+            if frame.hall is not None:
+                stamps.append(frame.stamp)
+                volts.extend(frame.hall)
+
+    outcome = offline.run(
+        reader,
+        Intake(robot, timing),
+        {},
+        lambda name, estimates: None,
+        namespace=namespace,
+        progress=progress,
+        frame_sink=collect,
+    )
+    counts = outcome.inputs[topic]
+    used = f"{reader.path}: {topic}: {counts['used']} of {counts['messages']} messages used"
+    used += "".join(f", {n} {cause}" for cause, n in counts["refused"].items())
+    if not outcome.frames:
+        outcome.warnings = [f"{reader.path}: no IMU message to give the voltages a stamp; their record times are used"]
+        _by_record_time(reader, topic, len(robot.hall), stamps, volts)
+    elif counts["used"] < _USUAL * counts["messages"]:
+        outcome.warnings.append(used)
+    if not stamps:
+        raise BagError(used)
+    times = np.array(stamps, dtype=np.int64)
+    rising = times > np.append(np.iinfo(np.int64).min, np.maximum.accumulate(times)[:-1])
+    return HallReadings(
+        times[rising],
+        np.array(volts, dtype=float).reshape(-1, len(robot.hall))[rising],
+        outcome.truth,
+        outcome.warnings,
+        outcome.damage,
+    )
+
+
+def _by_record_time(reader: BagReader, topic: str, width: int, stamps: array[int], volts: array[float]) -> None:
+    with suppress(BagError):  # a damage: the first pass has told it
+        for _, time, data in reader.messages((topic,)):
+            with suppress(CdrError):
+                voltages = decode_float32_multiarray(data)[0]
+                if len(voltages) == width:
+                    stamps.append(time)
+                    volts.extend(voltages)
