@@ -18,7 +18,7 @@ PACKAGE = "jointest_ros"
 # command -> the module whose main() it runs
 COMMANDS = {
     "jointest": "jointest_ros.cli.main",
-    "pcf_node": "jointest_ros.nodes.pcf_node",
+    **{f"{name}_node": f"jointest_ros.nodes.{name}_node" for name in ("pcf", "gyro", "hall", "kf", "kckf")},
     "sim_hardware_node": "jointest_ros.nodes.sim_hardware_node",
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from array import array
 from contextlib import ExitStack
@@ -20,7 +21,9 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 
 from jointest_ros.bags.cdr import decode_joint_state
-from jointest_ros.bags.offline import TRUTH_JOINTS
+from jointest_ros.bags.intake import Intake
+from jointest_ros.bags.offline import TRUTH_JOINTS, check_topics
+from jointest_ros.bags.reader import BagReader
 from jointest_ros.config import Configuration
 from jointest_ros.core.frame import FloatArray, Series
 from jointest_ros.evaluation.metrics import errors
@@ -29,7 +32,7 @@ from jointest_ros.nodes.estimator_node import EstimatorNode
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode
 from jointest_ros.nodes.spin import make_executor
 
-NAMESPACE = "/jointest_demo"
+NAMESPACE = f"/jointest_demo_{os.getpid()}"  # two demos on one host do not hear each other
 _REFRESH = 0.2  # s
 _SETTLE = 1.0  # s, at the end: for messages under way
 
@@ -74,9 +77,12 @@ class Demo:
         self, bag: Path, path: Path, configuration: Configuration, names: list[str], speed: float, namespace: str
     ) -> None:
         self._bag, self._path, self._configuration, self._names = bag, path, configuration, names
-        self._speed, self._sensors = speed, f"{NAMESPACE}/{namespace.strip('/')}".rstrip("/")
+        self._speed, self._namespace = speed, namespace
+        self._sensors = f"{NAMESPACE}/{namespace.strip('/')}".rstrip("/")
 
     def __enter__(self) -> Demo:
+        with BagReader(self._bag) as reader:
+            check_topics(reader, Intake(self._configuration.robot, self._configuration.timing), self._namespace)
         with ExitStack() as stack:
             context = Context()
             rclpy.init(context=context)
@@ -120,7 +126,7 @@ class Demo:
     def play(self, console: Console) -> None:
         """Play the recording to its end, with a live table (a line every two seconds where there is no terminal)."""
         ends = math.inf
-        shown = 0.0
+        shown = time.monotonic()
         with Live(self._table(), console=console, auto_refresh=False, transient=True) as live:
             while time.monotonic() < ends:
                 self._executor.spin_once(timeout_sec=0.05)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,23 +23,24 @@ from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import Estimate, Frame
-from jointest_ros.core.params import Params, param
+from jointest_ros.core.params import param
 from jointest_ros.nodes.diagnostics import Diagnostics
 from jointest_ros.nodes.messages import CLASSES, labelled_array
-from jointest_ros.nodes.parameters import declare, overrides
+from jointest_ros.nodes import spin
+from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
+
+
+_NO_DATA = 1.0  # s without frames after which there is nothing to calibrate from
 
 
 @dataclass(frozen=True)
-class NodeParams(Params):
+class NodeParams(ProcessParams):
     """What every estimator node has besides the parameters of its estimator."""
 
     config: str = param("", "path of the robot's configuration (YAML)")
     sensor_namespace: str = param("", "namespace of the input topics; empty: that of the node")
     reliability: str = param("best_effort", "QoS of the inputs", choices=("best_effort", "reliable"))
     depth: int = param(1000, "QoS history depth of the inputs", unit="messages", low=1, high=100000)
-    executor: str = param(
-        "events", "events: EventsExecutor; single: SingleThreadedExecutor", choices=("events", "single")
-    )
 
 
 class EstimatorNode(Node):
@@ -69,15 +73,12 @@ class EstimatorNode(Node):
             namespace=namespace,
             context=context,
             parameter_overrides=overrides(parameters),
-            automatically_declare_parameters_from_overrides=False,
         )
-        try:
+        with construction(self):
             self._build(ESTIMATORS[estimator])
-        except Exception:
-            self.destroy_node()
-            raise
 
     def _build(self, kind: Any) -> None:
+        check_names(self, NodeParams, kind.Params)
         params = declare(self, NodeParams)
         if not params.config:
             raise ConfigurationError(
@@ -88,28 +89,32 @@ class EstimatorNode(Node):
         self.estimator = kind(configuration.robot, chosen, configuration.timing)
         self.intake = Intake(configuration.robot, configuration.timing)
         self.estimates = 0
+        self._estimated = -math.inf  # monotonic s, when the latest estimate was made
         self._output = JointStateOutput(self.estimator.joints)
         self._publish_states = self.create_publisher(JointState, "joint_states", 1000).publish
         self._covariance = self.create_publisher(Float64MultiArray, "joint_covariance", 10)
         self._biases = self.create_publisher(Float64MultiArray, "biases", 10)
         self._offer_services()
-        self._diagnostics = Diagnostics(self, self.intake, self.estimator.joints)
-        self._subscribe(params, stamped_by_arrival=bool(configuration.robot.hall))
+        topics = self._subscribe(params, stamped_by_arrival=bool(configuration.robot.hall))
+        self._diagnostics = Diagnostics(self, self.intake, topics, self.estimator.joints)
         self.get_logger().info(f"{kind.name}: {', '.join(self.estimator.joints)} from {', '.join(self.intake.topics)}")
 
-    def _subscribe(self, params: NodeParams, stamped_by_arrival: bool) -> None:
+    def _subscribe(self, params: NodeParams, stamped_by_arrival: bool) -> dict[str, str]:
+        """Topic as configured -> its name in ROS."""
         reliable = params.reliability == "reliable"
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
             depth=params.depth,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         )
-        prefix = f"/{params.sensor_namespace.strip('/')}/" if params.sensor_namespace else ""
+        prefix = re.sub("//+", "/", f"/{params.sensor_namespace}/") if params.sensor_namespace else ""
+        names = {}
         for topic, msgtype in self.intake.topics.items():
             receive = self._receive_with_info if stamped_by_arrival else self._receive
             callback = partial(receive, self.intake.handlers[topic])
             name = topic if topic.startswith("/") else prefix + topic
-            self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True)
+            names[topic] = self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True).topic_name
+        return names
 
     # ------------------------------------------------------------- data
 
@@ -125,6 +130,7 @@ class EstimatorNode(Node):
     def _estimate(self, frame: Frame) -> None:
         estimate = self.estimator.update(frame)
         self.estimates += 1
+        self._estimated = time.monotonic()
         self._diagnostics.estimate = estimate
         self._publish(estimate)
 
@@ -145,7 +151,12 @@ class EstimatorNode(Node):
         self._serve("reset", self.estimator.reset, "started afresh")
         for name in ("calibrate_zero", "calibrate_gyro_bias"):
             if hasattr(self.estimator, name):
-                self._serve(name, getattr(self.estimator, name), "done")
+                self._serve(name, partial(self._calibrate, getattr(self.estimator, name)), "done")
+
+    def _calibrate(self, action: Callable[[], None]) -> None:
+        if time.monotonic() - self._estimated > _NO_DATA:
+            raise CalibrationError("no data arrives: see /diagnostics for which topics are silent")
+        action()
 
     def _serve(self, name: str, action: Callable[[], None], done: str) -> None:
         def answer(_request: Any, response: Any) -> Any:
@@ -157,3 +168,14 @@ class EstimatorNode(Node):
             return response
 
         self.create_service(Trigger, f"~/{name}", answer)
+
+
+def run(estimator: str, text: str, args: list[str] | None) -> int:
+    """Body of the executables; `text` is what `--help` says first. Returns the exit code."""
+    sections = {
+        "parameters": NodeParams,
+        f"parameters of the estimator; those in section estimators.{estimator} of the configuration have its values unless given here": ESTIMATORS[
+            estimator
+        ].Params,
+    }
+    return spin.main(partial(EstimatorNode, estimator), f"{estimator}_node", text, sections, args)

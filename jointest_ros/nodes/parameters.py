@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from jointest_ros.core.errors import ConfigurationError
-from jointest_ros.core.params import Params, allowed_text
+from jointest_ros.core.params import Params, allowed_text, param, reject_unknown
 
 ParamsT = TypeVar("ParamsT", bound=Params)
+
+
+@dataclass(frozen=True)
+class ProcessParams(Params):
+    """What every node has that is an executable of its own."""
+
+    executor: str = param(
+        "events", "events: EventsExecutor; single: SingleThreadedExecutor", choices=("events", "single")
+    )
 
 
 def declare(node: Node, kind: type[ParamsT], defaults: ParamsT | None = None) -> ParamsT:
@@ -37,6 +50,17 @@ def declare(node: Node, kind: type[ParamsT], defaults: ParamsT | None = None) ->
     return kind.from_mapping(values)
 
 
+def check_names(node: Node, *kinds: type[Params]) -> None:
+    """Refuse a parameter that was given to the node and that none of `kinds` has: a misspelt one, which ROS ignores.
+
+    Raises:
+        ConfigurationError: names it, and what it may have been meant for.
+    """
+    known = [spec.name for kind in kinds for spec in dataclasses.fields(kind)]
+    given = node._parameter_overrides  # there is no public way to ask for them
+    reject_unknown(given, dict.fromkeys([*known, *node.get_parameters_by_prefix("")]), what="parameter")
+
+
 def overrides(values: dict[str, Any]) -> list[Parameter]:
     """Keyword arguments of a node as parameter overrides.
 
@@ -50,3 +74,21 @@ def overrides(values: dict[str, Any]) -> list[Parameter]:
         except (TypeError, AssertionError):
             raise ConfigurationError(f"{name}: {value!r} is not allowed; give a number, a text or true/false") from None
     return parameters
+
+
+@contextmanager
+def construction(node: Node) -> Iterator[None]:
+    """Around all that a node's constructor does: where it fails, the node is destroyed.
+
+    Raises:
+        ConfigurationError: besides those from within: a topic has a name that ROS does not allow.
+    """
+    try:
+        yield
+    except NameValidationException as error:
+        node.destroy_node()
+        reason, name, *_ = str(error).splitlines()  # and in a third line where in the name
+        raise ConfigurationError(f"{name.strip()}: {reason.rstrip(':')}") from None
+    except Exception:
+        node.destroy_node()
+        raise

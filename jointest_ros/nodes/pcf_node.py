@@ -1,15 +1,17 @@
-"""`ros2 run jointest_ros pcf_node --ros-args -p config:=robot.yaml`: joint angles from one IMU on each link."""
+"""`ros2 run jointest_ros pcf_node --ros-args -p config:=robot.yaml`.
+
+Joint angles from one IMU on each link.
+"""
 
 from __future__ import annotations
 
 from functools import partial
 
-from jointest_ros.nodes.estimator_node import EstimatorNode
-from jointest_ros.nodes.spin import main as run
+from jointest_ros.nodes.estimator_node import EstimatorNode, run
 
 PcfNode = partial(EstimatorNode, "pcf")
 
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable."""
-    return run(PcfNode, "pcf_node", args)
+    return run("pcf", __doc__, args)

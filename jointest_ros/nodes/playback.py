@@ -13,10 +13,11 @@ from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.sim.scenarios import SCENARIOS, Rig
-from jointest_ros.sim.simulated import SimulationOptions
+from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
 
 SENSORS = (IMU, MAGNETIC_FIELD, FLOAT32_MULTIARRAY)
 _TRUTH = "ground_truth/"
+_SAMPLES = 100  # simulated at a time: some ms in which nothing is sent
 
 
 class Playback(Protocol):
@@ -64,18 +65,21 @@ class BagPlayback:
 
 @dataclass
 class SimulatedPlayback:
-    """A simulation, made stretch by stretch while it is played. Raises SimulationError when played."""
+    """A simulation, made while it is played."""
 
     rig: Rig
     options: SimulationOptions
 
     def __post_init__(self) -> None:
-        self.topics = synthetic.topics(next(self.rig.stretches(self.options)).robot)
+        self.topics = synthetic.topics(next(self._stretches()).robot)
         scenario = getattr(self.options, "scenario", "")
         self.description = f"{self.rig.name} {scenario} at {self.options.rate_hz:g} Hz, seed {self.options.seed}"
 
     def messages(self) -> Iterator[synthetic.Message]:
-        return synthetic.messages(self.rig.stretches(self.options))
+        return synthetic.messages(self._stretches())
+
+    def _stretches(self) -> Iterator[SimulatedRobot]:
+        return self.rig.stretches(self.options, _SAMPLES / self.options.rate_hz)
 
     def close(self) -> None:
         pass

@@ -10,27 +10,30 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool
 
 from jointest_ros.bags.cdr_encode import encode_clock
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.synthetic import Message
-from jointest_ros.core.params import Params, param
+from jointest_ros.core.params import param
 from jointest_ros.nodes.messages import CLASSES
-from jointest_ros.nodes.parameters import declare, overrides
+from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
 from jointest_ros.nodes.playback import SENSORS, Playback, SimulatedPlayback, open_bag, sources
 from jointest_ros.nodes.spin import main as run
 from jointest_ros.sim.scenarios import SCENARIOS
 
+_SETTLED = 0.5  # s without a new subscriber: by then each knows of our topics too, else it misses the first messages
+_LINGER = 0.3  # s that the publishers stay after the last message: what nobody has read yet goes with them
 _MOST_AT_ONCE = 500  # messages in one callback: others in the same executor get their turn
 
 
 @dataclass(frozen=True)
-class PlayParams(Params):
+class PlayParams(ProcessParams):
     """What is played and how; a simulated source has the options of its rig besides (rate_hz, scenario, seed, ...)."""
 
     source: str = param("bag", "a recording, or a rig to simulate", choices=sources())
@@ -40,10 +43,7 @@ class PlayParams(Params):
     paused: bool = param(False, "start paused; the service ~/pause goes on")
     clock: bool = param(False, "publish /clock, for nodes with use_sim_time")
     wait_for_subscribers: int = param(
-        1, "wait until every sensor topic has so many subscribers; 0: start at once", low=0
-    )
-    executor: str = param(
-        "events", "events: EventsExecutor; single: SingleThreadedExecutor", choices=("events", "single")
+        1, "wait until some sensor topic has so many subscribers, and no more come; 0: start at once", low=0
     )
 
 
@@ -70,19 +70,14 @@ class SimHardwareNode(Node):
         self.sent = 0
         self.finished = False
         self._playback: Playback | None = None
-        try:
+        with construction(self):
             self._build()
-        except Exception:
-            self.destroy_node()
-            raise
 
     def _build(self) -> None:
         self.params = declare(self, PlayParams)
-        if self.params.source == "bag":
-            self._playback = open_bag(self.params.bag)
-        else:
-            rig = SCENARIOS[self.params.source]
-            self._playback = SimulatedPlayback(rig, declare(self, rig.options))
+        rig = SCENARIOS.get(self.params.source)
+        check_names(self, PlayParams, *([rig.options] if rig else []))
+        self._playback = SimulatedPlayback(rig, declare(self, rig.options)) if rig else open_bag(self.params.bag)
         best_effort, reliable = (
             QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=reliability)
             for reliability in (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE)
@@ -93,19 +88,21 @@ class SimHardwareNode(Node):
         }
         self._sensors = [self._publishers_of[t] for t, msgtype in self._playback.topics.items() if msgtype in SENSORS]
         self._send = {topic: publisher.publish for topic, publisher in self._publishers_of.items()}
-        self._clock_publisher = self.create_publisher(Clock, "/clock", 10) if self.params.clock else None
+        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10) if self.params.clock else None
         self.create_service(SetBool, "~/pause", self._pause)
         self._paused = self.params.paused
         self._waiting = self.params.wait_for_subscribers > 0
+        self._subscribers: list[int] = []  # of the sensor topics
+        self._settled = 0.0  # monotonic s, since when these are the numbers
         self._messages: Iterator[Message] = self._playback.messages()
         self._next = next(self._messages, None)
         self._origin: tuple[float, int] | None = None  # monotonic s and message time ns that belong together
-        self._timer = self.create_timer(0.001, self._tick)
+        self._sent_at = 0.0  # monotonic s, of the latest message
+        # not by the node's clock: with use_sim_time that is the one it publishes itself
+        self._timer = self.create_timer(0.001, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f"{self._playback.description}: {', '.join(self._playback.topics)}")
         if self._waiting:
-            self.get_logger().info(
-                f"waiting for {self.params.wait_for_subscribers} subscriber(s) of every sensor topic"
-            )
+            self.get_logger().info(f"waiting for {self.params.wait_for_subscribers} subscriber(s)")
 
     def _pause(self, request: Any, response: Any) -> Any:
         self._paused = request.data
@@ -116,22 +113,28 @@ class SimHardwareNode(Node):
     def _tick(self) -> None:
         if self._paused or self.finished:
             return
-        if self._waiting:
-            wanted = self.params.wait_for_subscribers
-            if any(publisher.get_subscription_count() < wanted for publisher in self._sensors):
-                return
-            self._waiting = False
         now = time.monotonic()
+        if self._waiting and not self._has_subscribers(now):
+            return
+        self._waiting = False
         if self._next is None:
-            self._end()
+            self._end(now)
             return
         if self._origin is None:
             self._origin = now, self._next[0]
         start, first = self._origin
         due = first + round((now - start) * self.params.speed * 1e9)
         stamp = self._send_due(due)
-        if stamp is not None and self._clock_publisher is not None:
-            self._clock_publisher.publish(encode_clock(stamp))
+        if stamp is not None:
+            self._sent_at = now
+            if self._clock_publisher is not None:
+                self._clock_publisher.publish(encode_clock(stamp))
+
+    def _has_subscribers(self, now: float) -> bool:
+        counts = [publisher.get_subscription_count() for publisher in self._sensors]
+        if counts != self._subscribers:
+            self._subscribers, self._settled = counts, now
+        return max(counts) >= self.params.wait_for_subscribers and now - self._settled >= _SETTLED
 
     def _send_due(self, due: int) -> int | None:
         """Publish what is due at message time `due`, ns; the time of the last, or None where nothing was."""
@@ -148,13 +151,13 @@ class SimHardwareNode(Node):
         self.sent += count
         return stamp
 
-    def _end(self) -> None:
+    def _end(self, now: float) -> None:
         if self.params.loop and self.sent and self._playback is not None:
             self._messages = self._playback.messages()
             self._next, self._origin = next(self._messages, None), None
-            return
-        self.finished = True
-        self.get_logger().info(f"finished: {self.sent} messages")
+        elif now - self._sent_at >= _LINGER:
+            self.finished = True
+            self.get_logger().info(f"finished: {self.sent} messages")
 
     def destroy_node(self) -> None:
         """Free the recording and the node."""
@@ -166,4 +169,6 @@ class SimHardwareNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable."""
-    return run(SimHardwareNode, "sim_hardware_node", args)
+    sections = {"parameters": PlayParams}
+    sections |= {f"parameters with source:={rig.name}": rig.options for rig in SCENARIOS.values()}
+    return run(SimHardwareNode, "sim_hardware_node", __doc__, sections, args)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
-from jointest_ros.core.errors import JointestError
+from jointest_ros.core.errors import ConfigurationError, JointestError
+from jointest_ros.core.params import Params, allowed_text
 
 BAD_INPUT = 2  # exit code
 
@@ -29,27 +36,75 @@ def make_executor(name: str = "events", context: Context | None = None) -> Execu
 
 def spin(executor: Executor, until: Callable[[], bool] = lambda: False) -> None:
     """Spin until `until()` is true or ROS is shut down. Not `executor.spin()`: see DESIGN section 5."""
-    while rclpy.ok() and not until():
-        executor.spin_once(timeout_sec=0.2)
-
-
-def main(make_node: Callable[[], Node], name: str, args: list[str] | None = None) -> int:
-    """Body of every executable; returns its exit code."""
-    rclpy.init(args=args)
     try:
-        node = make_node()
-    except JointestError as error:
+        while executor.context.ok() and not until():
+            executor.spin_once(timeout_sec=0.2)
+    except ExternalShutdownException:
+        pass
+
+
+def main(
+    make_node: Callable[[], Node],
+    name: str,
+    text: str,
+    sections: Mapping[str, type[Params]],
+    args: list[str] | None = None,
+) -> int:
+    """Body of every executable; returns its exit code.
+
+    Args:
+        make_node: its parameter `executor` is obeyed; it ends the process when it has an attribute `finished` that is true.
+        name: of the executable.
+        text: what `--help` says before the parameters.
+        sections: heading -> parameters, for `--help`.
+        args: command line without the program's name.
+    """
+    # Ours raise nothing and leave ROS alone, so that no callback is interrupted and none publishes after a shutdown.
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: signals.append(received))
+    try:
+        args = sys.argv[1:] if args is None else args
+        _init(args)
+        others = remove_ros_args(args)
+        if {"-h", "--help"} & set(others):
+            print(_usage(name, text, sections))
+            return 0
+        if others:
+            raise ConfigurationError(f"unknown argument '{others[0]}'; parameters are given as --ros-args -p NAME:=VALUE")
+        _run(make_node(), until=lambda: bool(signals))
+    except (JointestError, ParameterException) as error:  # the latter: use_sim_time with a wrong type
         print(f"{name}: error: {error}", file=sys.stderr)
-        rclpy.try_shutdown()
         return BAD_INPUT
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _init(args: list[str]) -> None:
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # RCLError, UnknownROSArgsError
+        text = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())  # without the lines of its source
+        text = text.removeprefix("failed to initialize rcl: ")
+        raise ConfigurationError(f"not understood after --ros-args: {text}") from None
+
+
+def _run(node: Node, until: Callable[[], bool]) -> None:
     executor = make_executor(str(node.get_parameter("executor").value))
     try:
         executor.add_node(node)
-        spin(executor, until=lambda: bool(getattr(node, "finished", False)))
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        spin(executor, until=lambda: until() or bool(getattr(node, "finished", False)))
     finally:
         executor.remove_node(node)
         node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
+
+
+def _usage(name: str, text: str, sections: Mapping[str, type[Params]]) -> str:
+    lines = [f"usage: {name} --ros-args [-p NAME:=VALUE]... [-r __ns:=/NAMESPACE] [--params-file FILE]", "", text.strip()]
+    for heading, kind in sections.items():
+        lines += ["", f"{heading}:"]
+        for spec in dataclasses.fields(kind):
+            default = str(spec.default).lower() if isinstance(spec.default, bool) else repr(spec.default)
+            lines += [f"  {spec.name}: {allowed_text(spec)}; default {default}", f"      {spec.metadata['description']}"]
+    return "\n".join(lines)

@@ -55,6 +55,9 @@ _SUBSTEPS = 4  # orientations for each gyro sample: its mean rate is that of the
 _PER_JOINT = tuple[tuple[float, float], ...]
 
 
+_FREE = HallSensor("", hall_range=SUPPLY)
+
+
 @dataclass(frozen=True)
 class ExoshellScenario:
     """One scenario.
@@ -74,7 +77,7 @@ class ExoshellScenario:
     move: Callable[[FloatArray], Pose]
     base: Callable[[FloatArray], LinkMotion] | None = None
     axes: tuple[Vec3, ...] = TWO_AXES
-    sensor: HallSensor = HallSensor("", hall_range=SUPPLY)
+    sensor: HallSensor = _FREE
     hall_noise: tuple[float, ...] | None = None
     hall_offsets: _PER_JOINT = ((0.0, 0.0),) * 4
     biases_dps: tuple[Vec3, ...] | None = None
@@ -92,7 +95,12 @@ _DRIFT_BIASES = tuple((bias, 0.0, 0.0) for bias in (0.10, -0.06, 0.12, -0.02, 0.
 _CLIPPED = HallSensor("", hall_range=RAILS, noise=0.020)
 _LINEAR = HallSensor("", curve=LINEAR, hall_range=SUPPLY, noise=SIGMA / math.radians(100.0), resolution=0.0)
 _DRIFT = ExoshellScenario(
-    "about one axis, a posture held for an hour", hold(), axes=ONE_AXIS, sensor=_LINEAR, biases_dps=_DRIFT_BIASES, bias_walk=0.0
+    "about one axis, a posture held for an hour",
+    hold(),
+    axes=ONE_AXIS,
+    sensor=_LINEAR,
+    biases_dps=_DRIFT_BIASES,
+    bias_walk=0.0,
 )
 
 SCENARIOS = {
@@ -118,9 +126,14 @@ SCENARIOS = {
     "drift-hall-error": replace(
         _DRIFT, description="as drift, Hall sensors wrong by +4, -2, +3, +2 deg", move=hold((4.0, -2.0, 3.0, 2.0))
     ),
-    "monte-carlo": ExoshellScenario("about one axis, Hall noise of 3.2 deg", gait(MOTION_B), axes=ONE_AXIS, sensor=_LINEAR),
+    "monte-carlo": ExoshellScenario(
+        "about one axis, Hall noise of 3.2 deg", gait(MOTION_B), axes=ONE_AXIS, sensor=_LINEAR
+    ),
     "human": ExoshellScenario(
-        "a user bends by 30 deg; compression and over-extension shift the sensors", bend, base=fixed_base, sensor=_CLIPPED
+        "a user bends by 30 deg; compression and over-extension shift the sensors",
+        bend,
+        base=fixed_base,
+        sensor=_CLIPPED,
     ),
 }
 
@@ -133,9 +146,9 @@ class ExoshellOptions(SimulationOptions):
     duration_s: float = param(120.0, "length of the recording", unit="s", low=0.1, high=86400.0)
     scenario: str = param("bench", "which motion", choices=tuple(SCENARIOS))
     hall_offset_mv: float = param(
-        0.0, "takes this from the first voltage of every joint and adds it to the second", unit="mV", low=-500.0, high=500.0
+        0.0, "taken from the first voltage of every joint, added to the second", unit="mV", low=-500.0, high=500.0
     )
-    hall_gain_percent: float = param(0.0, "error of the angle that the Hall sensors see", unit="%", low=-50.0, high=50.0)
+    hall_gain_percent: float = param(0.0, "error of the angle that Hall sensors see", unit="%", low=-50.0, high=50.0)
     hysteresis_deg: float = param(
         0.0, "play of the Hall sensors: width of the loop of angle seen over angle", unit="deg", low=0.0, high=45.0
     )
@@ -216,16 +229,18 @@ class _Rig:
         rate = self.options.rate_hz
         # one instant more than samples: the first gyro sample covers the interval before it
         stamps = np.round(np.arange(start - 1, end) * (1e9 / rate)).astype(np.int64)
-        time: FloatArray = stamps * 1e-9
+        time: FloatArray = stamps.astype(np.float64) * 1e-9
         pose = self.scenario.move(time)
         position = np.column_stack([joint.value for joint in pose.joints])
-        gyro, bias = {}, {}
+        gyro: dict[str, FloatArray] = {}
+        bias: dict[str, FloatArray] = {}
         for k, (name, rates) in enumerate(zip(GYROS, self._link_rates(time, position), strict=True)):
             gyro[name], bias[name] = (table + self._biases[k] for table in self._imus[k].gyro_of(rates))
         torso, orientation = torsos_of(self.scenario.axes, position[1:], self.scenario.base is not None)
+        volts = self._voltages(pose.seen[1:])
         return ExoshellRecording(
             self.robot,
-            Recording(stamps[1:], gyro, {}, hall=self._voltages(pose.seen[1:]), period=np.full(end - start, 1.0 / rate)),
+            Recording(stamps[1:], gyro, {}, hall=volts, period=np.full(end - start, 1.0 / rate)),
             JOINTS,
             position[1:],
             np.column_stack([joint.rate[1:] for joint in pose.joints]),
@@ -238,7 +253,8 @@ class _Rig:
         """Mean rates (n, 3) of all links over the intervals between `time` (n + 1), link frames."""
         if self.scenario.base is None:
             rates = [np.zeros((len(time) - 1, 3))]
-            for mean, axis in zip((np.diff(position, axis=0) / np.diff(time)[:, None]).T, self.scenario.axes, strict=True):
+            means = np.diff(position, axis=0) / np.diff(time)[:, None]
+            for mean, axis in zip(means.T, self.scenario.axes, strict=True):
                 rates.append(rates[-1] + mean[:, None] * np.array(axis))
             return rates
         fine = np.interp(np.arange(_SUBSTEPS * (len(time) - 1) + 1) / _SUBSTEPS, np.arange(len(time)), time)

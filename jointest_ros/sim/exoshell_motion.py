@@ -21,6 +21,7 @@ GAIT_HZ = 0.8
 ONSET_S = 3.0
 BEND_HZ = 0.1
 BEND_DEG = 30.0
+SHIFT_DEG = 6.5
 
 # offset, amplitude, phase, deg, of each joint
 MOTION_B = ((5.0, 22.0, 0.0), (0.0, 18.0, 90.0), (-4.0, 12.0, 30.0), (3.0, 15.0, 120.0))
@@ -45,7 +46,7 @@ class Pose:
 
 
 def gait(parameters: Sequence[tuple[float, float, float]], scale: float = 1.0) -> Callable[[FloatArray], Pose]:
-    """theta_i = s [o_i + a_i sin(w t + p_i) + .15 a_i sin(2 w t + 2 p_i)], w = 2 pi .8 Hz, for rows (o, a, p) in deg."""
+    """theta_i = s [o_i + a_i sin(w t + p_i) + .15 a_i sin(2 w t + 2 p_i)], w = 2 pi .8 Hz; rows (o, a, p) in deg."""
 
     def move(time: FloatArray) -> Pose:
         onset = smoothstep(time, ONSET_S)
@@ -79,7 +80,8 @@ def bend(time: FloatArray) -> Pose:
     """A user bends forward by 30 deg and stands up again, with a little sway to the sides.
 
     Section 4.3 of the paper: the robot is compressed while the user stands, and over-extended while he is bent; both
-    shift the sensors. Here the shift grows with the square of the way into either end, up to 4 deg a joint.
+    shift the sensors. Here the shift grows with the square of the way into either end, up to `SHIFT_DEG` in each joint
+    that bends: chosen so that the paper's filter misses by as much as in the paper, 4.85 deg.
     """
     onset = smoothstep(time, ONSET_S)
     bending = onset * raised_cosine(time, BEND_HZ)
@@ -90,7 +92,7 @@ def bend(time: FloatArray) -> Pose:
     ]
     pose = plain(joints)
     compressed, extended = np.clip(1.0 - 4.0 * bending.value, 0.0, 1.0), np.clip(4.0 * bending.value - 3.0, 0.0, 1.0)
-    shift = math.radians(4.0) * (extended**2 - compressed**2)
+    shift = math.radians(SHIFT_DEG) * (extended**2 - compressed**2)
     return Pose(joints, pose.seen + shift[:, None] * (np.array(BEND_SHARES) > 0.0))
 
 

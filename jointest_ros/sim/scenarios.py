@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jointest_ros.sim import finger
+from jointest_ros.sim import exoshell, finger
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
 
 
@@ -44,6 +44,15 @@ SCENARIOS: dict[str, Rig] = {
             finger.simulate,
             finger.stretches,
             {"pcf": {"zero_at_start": True}},
+        ),
+        Rig(
+            "exoshell",
+            "five links, four hinges, a gyro on each link and two mirrored Hall sensors on each joint",
+            {name: scenario.description for name, scenario in exoshell.SCENARIOS.items()},
+            exoshell.ExoshellOptions,
+            exoshell.simulate,
+            exoshell.stretches,
+            {"gyro": {}, "hall": {}, "kf": {}, "kckf": {}},
         ),
     )
 }

@@ -1,0 +1,13 @@
+"""`ros2 run jointest_ros kckf_node --ros-args -p config:=robot.yaml`.
+
+Joint angles and torso from link gyros and Hall sensors.
+"""
+
+from __future__ import annotations
+
+from jointest_ros.nodes.estimator_node import run
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable."""
+    return run("kckf", __doc__, args)

@@ -1,0 +1,13 @@
+"""`ros2 run jointest_ros kf_node --ros-args -p config:=robot.yaml`.
+
+Joint angles from gyros and Hall sensors, unconstrained (a baseline).
+"""
+
+from __future__ import annotations
+
+from jointest_ros.nodes.estimator_node import run
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable."""
+    return run("kf", __doc__, args)

@@ -1,0 +1,58 @@
+"""Simulated hardware, DDS and an estimator node give what the offline evaluation of the same recording gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ros_bench import Bench, assert_same, evaluate, received, shown
+
+from jointest_ros.bags import synthetic
+from jointest_ros.bags.writer import BagWriter
+from jointest_ros.sim.scenarios import SCENARIOS
+
+EXECUTORS = pytest.mark.parametrize("executor", ["events", "single"])
+
+
+def write_simulation(path: Path, source: str, **options: Any) -> Path:
+    rig = SCENARIOS[source]
+    chosen = rig.options(**options)
+    with BagWriter(path) as writer:
+        for topic, msgtype in synthetic.topics(next(rig.stretches(chosen)).robot).items():
+            writer.add_topic(f"/{topic}", msgtype)
+        for stamp, topic, data in synthetic.messages(rig.stretches(chosen)):
+            writer.write(f"/{topic}", stamp, data)
+    return path
+
+
+def play_and_compare(bench: Bench, recording: Path, config: Path, **parameters: Any) -> None:
+    expected = evaluate(recording, config)
+    states = bench.listen()
+    estimator = bench.estimator(config)
+    hardware = bench.hardware(**parameters)
+    bench.until(lambda: hardware.finished, "the end of the recording")
+    bench.until(lambda: len(states) >= shown(expected[0]), f"{shown(expected[0])} joint states")
+    assert_same(states, expected)
+    assert len(states) == estimator.estimates
+    assert all(not estimator.intake.counts(topic)["refused"] for topic in estimator.intake.topics)
+    assert received(estimator) == sum(estimator.intake.counts(topic)["used"] for topic in estimator.intake.topics)
+
+
+@EXECUTORS
+def test_recording(
+    executor: str, make_bench: Callable[[str], Bench], finger_bag: Path, finger_config: Path
+) -> None:
+    play_and_compare(make_bench(executor), finger_bag, finger_config, source="bag", bag=str(finger_bag), speed=15.0)
+
+
+@EXECUTORS
+@pytest.mark.parametrize(("rate_hz", "speed"), [(100.0, 10.0), (1000.0, 2.0)])
+def test_simulation(
+    executor: str, rate_hz: float, speed: float, make_bench: Callable[[str], Bench], finger_config: Path, tmp_path: Path
+) -> None:
+    seconds = 600.0 / rate_hz + 2.0
+    options = {"scenario": "PC", "rate_hz": rate_hz, "duration_s": seconds, "zero_pose_s": 1.5, "seed": 3}
+    bag = write_simulation(tmp_path / "bag", "finger", **options)
+    play_and_compare(make_bench(executor), bag, finger_config, source="finger", speed=speed, **options)
