@@ -87,9 +87,13 @@ def _merged(entry: Any, sensor: HallSensor, where: str) -> HallSensor:
             raise read.refusal(f"{where}.{key}", given[key], f"{value!r} {_AS_CONFIGURED}")
     points = isinstance(given["curve"], dict) and "volts" in given["curve"]
     keys = ("volts", "angles_deg") if points else ("a_deg", "b", "c_deg", "d")
-    fitted = curve(_whole(given["curve"], f"{where}.curve", keys), f"{where}.curve")
+    values = _whole(given["curve"], f"{where}.curve", keys)
     settings = HallSettings.from_mapping({key: given[key] for key in ("noise_v", "offset_v")}, where)
-    return replace(sensor, curve=fitted, noise=settings.noise_v, offset=settings.offset_v)
+    try:
+        fitted = curve(values, f"{where}.curve")
+        return replace(sensor, curve=fitted, noise=settings.noise_v, offset=settings.offset_v)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{where}: {error}" if where not in str(error) else str(error)) from None
 
 
 def _whole(value: Any, where: str, keys: tuple[str, ...]) -> dict[str, Any]:

@@ -9,6 +9,11 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parent.parent
 
+# For every test and the processes that it starts, before any ROS context is made: ROS stays on this host, in a domain of
+# this process alone. Domains up to 101 have ports that no system takes for itself.
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 101 + 1)
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
@@ -17,3 +22,15 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no recordings in {folder} (set JOINTEST_SHARED)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def finger_bag() -> Path:
+    """15 s of the simulated finger at 100 Hz, shipped with the package."""
+    return PROJECT / "bags" / "finger"
+
+
+@pytest.fixture(scope="session")
+def finger_config() -> Path:
+    """The configuration of its robot."""
+    return PROJECT / "config" / "finger.yaml"

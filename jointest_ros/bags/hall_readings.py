@@ -40,6 +40,11 @@ class HallReadings:
     warnings: list[str]
     damage: str
 
+    @property
+    def time(self) -> FloatArray:
+        """(N,) s after the first reading."""
+        return np.asarray((self.stamps - self.stamps[0]) * 1e-9)
+
 
 def read_hall(
     reader: BagReader,

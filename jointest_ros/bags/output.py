@@ -15,6 +15,11 @@ class JointStateOutput:
         self._joints = joints
         self._encoders: dict[tuple[bool, ...], tuple[JointStateEncoder, list[int]]] = {}
 
+    @staticmethod
+    def hides(estimate: Estimate) -> bool:
+        """Whether a joint is left out: then there is no torso either."""
+        return any(status & _HIDDEN for status in estimate.status)
+
     def encode(self, estimate: Estimate) -> bytes | None:
         """The message, or None while no joint has an estimate."""
         shown = tuple([not status & _HIDDEN for status in estimate.status])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -23,7 +22,7 @@ from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.evaluation import hall_plot, plots
 from jointest_ros.evaluation.hall_calibration import CURVES, fit_hall
-from jointest_ros.evaluation.hall_motion import advice, reference_at
+from jointest_ros.evaluation.hall_recording import advice, reference_at
 from jointest_ros.evaluation.hall_plot import FittedSensor
 
 
@@ -44,8 +43,9 @@ def add_parser(commands: Parsers[Any]) -> None:
         "one goniometer does for all joints, one recording after the other.",
         epilog="Move each joint slowly through all of its range and back, a few times. The least squares are those of "
         "the voltage; readings at the sensor's rails (hall_range) do not count; outliers count little. An offset of "
-        "the voltage becomes part of the curve. curve ±: standard deviation of the fitted curve where it is least "
-        "certain, from the noise alone.",
+        "the voltage becomes part of the curve. In the table: used: share of the readings that count; rms: of the "
+        "residuals, with lag and play; curve ±: standard deviation of the fitted curve where it is least certain, from "
+        "noise alone; lag: of the voltages behind the reference; play: width of the loop of hysteresis.",
     )
     hall.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a .mcap or .db3 file")
     hall.add_argument("--config", "-c", required=True, type=Path, metavar="YAML", help="the robot's configuration")
@@ -69,17 +69,19 @@ def run_hall(arguments: argparse.Namespace) -> int:
     target = _target(arguments, configuration)
     picture = arguments.plot or target.with_suffix(".png")
     plots.check_suffix(picture)
+    if picture.resolve() == target.resolve():
+        raise OutputError(f"{picture}: is the calibration file; choose another name for one of them")
     with BagReader(bag) as reader, progress(f"read {bag}") as report:
         readings = read_hall(reader, configuration.robot, configuration.timing, arguments.namespace, report)
         recorded = datetime.fromtimestamp(reader.start_ns * 1e-9, timezone.utc)
     fitted = _fit(bag, configuration, readings, arguments.curve)
-    for text in (*readings.warnings, *_advice(configuration, readings, fitted)):
-        warn(text)
     when = f"{bag.resolve().name}, recorded {recorded:%Y-%m-%d %H:%M:%S} UTC by its stamps"
     hall_plot.draw(picture, when, list(fitted.values()))
     sensors = configuration.robot.hall
     results = [fitted[k].fit.sensor if k in fitted else sensor for k, sensor in enumerate(sensors)]
     calibration.save_hall(target, results, _heading(arguments, when, _names(sensors), fitted))
+    for text in (*readings.warnings, *_advice(configuration, readings, fitted)):
+        warn(text)
     out.print(_table(fitted))
     if kept := [name for k, name in enumerate(_names(sensors)) if k not in fitted]:
         out.print(f"as they were, without reference or reading: {', '.join(kept)}")
@@ -113,7 +115,6 @@ def _target(arguments: argparse.Namespace, configuration: Configuration) -> Path
 def _fit(bag: Path, configuration: Configuration, readings: HallReadings, curve: str) -> dict[int, FittedSensor]:
     """Number of the sensor -> its fit, for sensors that have a reference and a reading."""
     truth, sensors = readings.truth, configuration.robot.hall
-    time = (readings.stamps - readings.stamps[0]) * 1e-9
     fitted: dict[int, FittedSensor] = {}
     referenced = [k for k, sensor in enumerate(sensors) if np.isfinite(truth.position.get(sensor.joint, np.nan)).any()]
     if not referenced:
@@ -129,7 +130,7 @@ def _fit(bag: Path, configuration: Configuration, readings: HallReadings, curve:
             if np.isnan(reference).all():
                 raise BagError(f"{bag}: the reference of {sensor.joint} and the voltages have no stamps in common")
             try:
-                fit = fit_hall(time, volts, reference, sensor, curve)
+                fit = fit_hall(readings.time, volts, reference, sensor, curve)
             except CalibrationError as error:
                 raise CalibrationError(f"{bag}: {name}: {error}") from None
             fitted[k] = FittedSensor(name, volts, reference, fit, sensor)
@@ -144,20 +145,15 @@ def _advice(configuration: Configuration, readings: HallReadings, fitted: dict[i
         for joint in configuration.robot.joints
         for name, pair in zip(joint.coordinates, joint.limits or (), strict=False)
     }
-    time = readings.stamps * 1e-9
     for one in fitted.values():
-        for text in advice(one.fit, time, one.reference, limits.get(one.configured.joint)):
+        for text in advice(one.fit, readings.time, one.reference, one.configured, limits.get(one.configured.joint)):
             yield f"{one.name}: {text}"
 
 
 def _names(sensors: Sequence[HallSensor]) -> list[str]:
-    """As a user would call them: "knee sensor 2 (mirrored)"."""
-    counted: Counter[str] = Counter()
-    names = []
-    for sensor in sensors:
-        counted[sensor.joint] += 1
-        names.append(f"{sensor.joint} sensor {counted[sensor.joint]}{' (mirrored)' if sensor.mirrored else ''}")
-    return names
+    """Joint and number of each sensor, as `hall: sensor:` counts them."""
+    joints = [sensor.joint for sensor in sensors]
+    return [f"{joint} #{joints[: k + 1].count(joint)}" for k, joint in enumerate(joints)]
 
 
 def _heading(arguments: argparse.Namespace, when: str, names: list[str], fitted: dict[int, FittedSensor]) -> str:
@@ -181,31 +177,20 @@ def _heading(arguments: argparse.Namespace, when: str, names: list[str], fitted:
 
 def _table(fitted: dict[int, FittedSensor]) -> Table:
     table = Table(title="fitted Hall sensors", title_justify="left")
-    table.add_column("sensor")
-    headings = (
-        "readings",
-        "covers, deg",
-        "rms, mV",
-        "rms, deg",
-        "noise, mV",
-        "curve ±, deg",
-        "lag, ms",
-        "hysteresis, deg",
-    )
-    for heading in headings:
-        table.add_column(heading, justify="right")
+    table.add_column("sensor", no_wrap=True)
+    for heading in ("used\n", "covers\ndeg", "rms\nmV", "rms\ndeg", "curve\n± deg", "lag\nms", "play\ndeg"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for one in fitted.values():
         fit = one.fit
         low, high = np.degrees(fit.covered)
         table.add_row(
             one.name,
-            f"{fit.used.sum()} of {np.isfinite(fit.residual).sum()}",
+            f"{fit.used.sum() / np.isfinite(fit.residual).sum():.0%}",
             f"{low:.1f} to {high:.1f}",
             f"{1e3 * fit.rms_volts:.1f}",
             f"{fit.rms_deg:.2f}",
-            f"{1e3 * fit.sensor.noise:.1f}",
             f"{fit.std_deg.max():.2f}",
-            f"{1e3 * fit.lag:.1f} ± {1e3 * fit.lag_std:.1f}",
+            f"{1e3 * fit.lag:.1f}",
             f"{fit.hysteresis_deg:.2f}",
         )
     return table

@@ -25,7 +25,7 @@ from jointest_ros.cli.common import (
     warn,
     write_text,
 )
-from jointest_ros.cli.tables import error_tables, input_table
+from jointest_ros.cli.tables import consistency_line, error_tables, input_table
 from jointest_ros.config import Configuration
 from jointest_ros.core.frame import Series
 from jointest_ros.evaluation import plots
@@ -104,6 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
             out.print(f"{bag}: {done.document['duration_s']:.1f} s, after {arguments.skip:g} s")
             for table in (*error_tables(done.document["estimators"]), input_table(done.document["input"])):
                 out.print(table)
+            if line := consistency_line(done.document["estimators"]):
+                out.print(line)
         if done.damage:
             complain("evaluate", f"{done.damage}; the figures are of what came before")
             code = 2
@@ -131,13 +133,15 @@ def evaluate(
                 f"{bag}: no ground truth (topics {offline.TRUTH_JOINTS}, {offline.TRUTH_ORIENTATION}); "
                 "`jointest estimate` does without"
             )
-        outcome = offline.run(reader, intake, estimators, sink, namespace=namespace, progress=report)
+        outcome = offline.run(reader, intake, estimators, sink, namespace=namespace, progress=report, consistency=True)
         duration = reader.duration_s
     series = {name: sink.series(name) for name in estimators}
     tables = {}
     for name, estimator in estimators.items():
-        tables[name] = errors(series[name], estimator.joints, outcome.truth, skip_s, _continuous(configuration))
-        tables[name] |= {"ns_per_frame": outcome.ns_per_frame[name], "frames": outcome.frames}
+        tables[name] = errors(
+            series[name], estimator.joints, outcome.truth, skip_s, _continuous(configuration), estimator.torso
+        )
+        tables[name] |= {"nis": outcome.nis[name], "ns_per_frame": outcome.ns_per_frame[name], "frames": outcome.frames}
     if not any(has_figures(table) for table in tables.values()):
         known = ", ".join([*outcome.truth.position, *outcome.truth.orientation]) or "nothing that can be read"
         raise BagError(f"{bag}: no estimate matches the ground truth (of {known}) after {skip_s:g} s")

@@ -56,10 +56,10 @@ def run(arguments: argparse.Namespace) -> int:
     _check_use(chosen, options, REPRODUCTIONS)
     _make(arguments.output)
     for entry in chosen:
-        out.rule(f"{entry.name}: {entry.description}", align="left")
         with progress(entry.name) as report:
             result = entry.run(report, options)
             written = _write(arguments.output, entry, options, result)
+        out.rule(f"{entry.name}: {entry.description}", align="left")
         _show(result)
         out.print(f"written: {', '.join(map(str, written))}", markup=False)
         out.print()

@@ -50,9 +50,10 @@ def _add_option(parser: argparse.ArgumentParser, spec: dataclasses.Field[Any]) -
     """An option from the declaration of a parameter; its range is checked where it is declared."""
     flag = f"--{_flag(spec)}"
     default: Any = spec.default
-    text = f"{spec.metadata['description']} ({allowed_text(spec)}; default: {default})"
+    allowed = "" if isinstance(default, bool) else f"{allowed_text(spec)}; "
+    shown = ("on" if default else "off") if isinstance(default, bool) else default
+    text = f"{spec.metadata['description']} ({allowed}default: {shown})".replace("%", "%%")
     if isinstance(default, bool):
-        text = f"{spec.metadata['description']} (default: {'on' if default else 'off'})"
         parser.add_argument(flag, dest=spec.name, default=default, action=argparse.BooleanOptionalAction, help=text)
     else:
         parser.add_argument(flag, dest=spec.name, type=type(default), default=default, metavar="X", help=text)
@@ -68,18 +69,20 @@ def run(arguments: argparse.Namespace) -> int:
         raise BagError(f"{configuration}: exists already; remove it, choose another name or give --overwrite")
     robot = next(rig.stretches(options)).robot
     topics = synthetic.topics(robot)
+    command = f"jointest simulate {rig.name} -o {arguments.output.name}"
+    chosen = "".join(_given(spec, getattr(options, spec.name)) for spec in dataclasses.fields(rig.options))
+    heading = f"The robot of the recording beside it, with its true mountings. Made by:\n{command}{chosen}"
     total = round(options.duration_s * options.rate_hz) * len(topics)
-    with progress(f"{rig.name} {arguments.output}") as report:
-        with BagWriter(arguments.output, arguments.storage, overwrite=arguments.overwrite) as writer:
-            for topic, msgtype in topics.items():
-                writer.add_topic(f"/{topic}", msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
-            for done, (stamp, topic, data) in enumerate(synthetic.messages(rig.stretches(options))):
-                writer.write(f"/{topic}", stamp, data)
-                if done % 10000 == 0:
-                    report(done, total)
-        command = f"jointest simulate {rig.name} -o {arguments.output.name}"
-        chosen = "".join(_given(spec, getattr(options, spec.name)) for spec in dataclasses.fields(rig.options))
-        heading = f"The robot of the recording beside it, with its true mountings. Made by:\n{command}{chosen}"
+    with (
+        progress(f"{rig.name} {arguments.output}") as report,
+        BagWriter(arguments.output, arguments.storage, overwrite=arguments.overwrite) as writer,
+    ):
+        for topic, msgtype in topics.items():
+            writer.add_topic(f"/{topic}", msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
+        for done, (stamp, topic, data) in enumerate(synthetic.messages(rig.stretches(options))):
+            writer.write(f"/{topic}", stamp, data)
+            if done % 10000 == 0:
+                report(done, total)
         write_text(configuration, robot_yaml(robot, rig.estimators, heading))
     out.print(f"{arguments.output}: {options.duration_s:g} s at {options.rate_hz:g} Hz, {total} messages")
     out.print(f"{configuration}: its robot")

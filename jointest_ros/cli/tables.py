@@ -15,10 +15,22 @@ def error_tables(estimators: dict[str, dict[str, Any]]) -> Iterator[Table]:
     for title, rows in (
         ("joint angle errors, deg", lambda figures: figures["joints"]),
         ("joint velocity errors, deg/s", lambda figures: figures["velocities"]),
+        ("torso errors, deg", lambda figures: figures["torso"]),
         ("inclination errors, deg", lambda figures: {s: f["inclination"] for s, f in figures["orientation"].items()}),
     ):
         if any(rows(figures) for figures in estimators.values()):
             yield _table(title, estimators, rows)
+
+
+def consistency_line(estimators: dict[str, dict[str, Any]]) -> str:
+    """NIS and NEES of those estimators that have them: 1 where the reported variances are right. "" without any."""
+    cells = []
+    for name, figures in estimators.items():
+        both = [f"{key.upper()} {figures[key]:.2f}" for key in ("nis", "nees") if figures[key] is not None]
+        if both:
+            cells.append(f"{name} {' '.join(both)}")
+    meaning = "consistency (1: the reported variances are right, more: they are too small)"
+    return f"{meaning}: {', '.join(cells)}" if cells else ""
 
 
 def _table(title: str, estimators: dict[str, dict[str, Any]], rows: Any) -> Table:

@@ -31,6 +31,7 @@ IMPLAUSIBLE_ACCEL = 1e5  # m/s^2, fifty times the widest MEMS shock acceleromete
 IMPLAUSIBLE_MAG = 1.0  # tesla
 _MIN_WAIT = 20_000_000  # ns
 _FIRST_TOLERANCE = 400_000  # ns, while the period is unknown: less than half a period at 1 kHz
+_FIRST_HALL_TOLERANCE = 20_000_000  # ns, of arrival: a node that starts is slow at first
 _GONE = 10  # periods after which a silent sensor says nothing about the period of the stream
 
 
@@ -133,7 +134,7 @@ class FrameAssembler:
     def add_hall(self, voltages: tuple[float, ...], arrival: int) -> list[Frame]:
         """One Hall message, V, NaN where there is no sensor; `arrival` (bags: record time), ns, is its only time."""
         self._note_arrival(arrival)
-        return self._ready() if self._hall.add(voltages, arrival, arrival - self._tolerance - self._max_gap) else []
+        return self._ready() if self._hall.add(voltages, arrival, arrival - self._hall_tolerance - self._max_gap) else []
 
     def flush(self) -> list[Frame]:
         """The end of the stream: emits what waits, refuses what was never confirmed or paired."""
@@ -230,7 +231,7 @@ class FrameAssembler:
             pending = self._pending[0]
             if pending.missing and self._may_come(pending):
                 break
-            hall = self._hall.take(pending.arrival, self._tolerance)
+            hall = self._hall.take(pending.arrival, self._hall_tolerance)
             if hall is None and self._hall_may_come(pending):
                 break
             del self._pending[0]
@@ -243,7 +244,7 @@ class FrameAssembler:
             return False
         for sensor in pending.missing:
             source = self.sources[sensor]
-            last = source.last if source.last != NEVER else self._first
+            last = source.last if source.last != NEVER else min(self._first, stamp)
             if last > stamp:
                 continue  # it delivered a newer sample: this one is lost
             period = source.period or self._period
@@ -258,10 +259,10 @@ class FrameAssembler:
     def _hall_may_come(self, pending: _Pending) -> bool:
         if not self._hall.awaited or self._newest - pending.frame.stamp > self._wait:
             return False
-        return self._arrival <= pending.arrival + self._tolerance
+        return self._arrival <= pending.arrival + self._hall_tolerance
 
     def _emit_all(self) -> list[Frame]:
-        frames = [self._emit(one, self._hall.take(one.arrival, self._tolerance)) for one in self._pending]
+        frames = [self._emit(one, self._hall.take(one.arrival, self._hall_tolerance)) for one in self._pending]
         self._pending.clear()
         return frames
 
@@ -294,5 +295,6 @@ class FrameAssembler:
             self._period = min(present)
         given, half = round(self.timing.sync_tolerance * 1e9), self._period // 2 or _FIRST_TOLERANCE
         self._tolerance = min(given, half) if given else half
+        self._hall_tolerance = self._tolerance if self._period else _FIRST_HALL_TOLERANCE
         self._wait = round(self.timing.max_wait * 1e9) or max(3 * self._period, _MIN_WAIT)
         self._farthest = max(self._max_gap, 3 * self._period)

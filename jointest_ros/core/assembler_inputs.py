@@ -67,14 +67,17 @@ class HallQueue:
 
     def take(self, arrival: int, tolerance: int) -> tuple[float, ...] | None:
         """The message for a frame whose first sample arrived at `arrival`; those too old for it are dropped."""
+        waiting = self._waiting
         if self.per_frame:
             self.drop_before(arrival - tolerance)
-            if self._waiting and self._waiting[0][0] > arrival + tolerance:
+            while len(waiting) > 1 and abs(waiting[1][0] - arrival) <= abs(waiting[0][0] - arrival):
+                self._drop()  # the next one is nearer
+            if waiting and waiting[0][0] > arrival + tolerance:
                 return None
-        if not self._waiting:
+        if not waiting:
             return None
         self.source.used += 1
-        return self._waiting.popleft()[1]
+        return waiting.popleft()[1]
 
     @property
     def awaited(self) -> bool:
@@ -83,7 +86,9 @@ class HallQueue:
 
     def drop_before(self, arrival: int | None) -> None:
         """Give up the messages that arrived before `arrival`; None: all."""
-        waiting = self._waiting
-        while waiting and (arrival is None or waiting[0][0] < arrival):
-            waiting.popleft()
-            self.source.refused["unpaired"] += 1
+        while self._waiting and (arrival is None or self._waiting[0][0] < arrival):
+            self._drop()
+
+    def _drop(self) -> None:
+        self._waiting.popleft()
+        self.source.refused["unpaired"] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -55,7 +56,7 @@ class CoupledBank:
         joint_rates = self._joint_rates(dt, gap, rates)
         flags = [0] * len(joint_rates)
         spread = None
-        known = all(rate == rate for rate in joint_rates)
+        known = math.isfinite(sum(joint_rates))
         if known and not gap and not any([c.missing for c in self._coordinates]):
             for coordinate, rate in zip(self._coordinates, joint_rates, strict=True):
                 coordinate.rate = rate
@@ -64,13 +65,14 @@ class CoupledBank:
         readings, used, present = self._nothing, self._unused, self._unused
         if hall is not None:
             readings = np.array(hall, dtype=float)[self._take]
-            present = readings == readings
-            used = self.filter.hall.usable(readings, gated=self._in_volts)
+            present = used = self.filter.hall.usable(readings, gated=self._in_volts)
             if not used.all():
+                present = readings == readings
                 for number in np.flatnonzero(present & ~used).tolist():
                     self._gated[self._indices[number]] += 1
             if not known:
-                used &= ~np.array([c.waiting for c in self._coordinates])[self._coordinate_of]
+                ready = ~np.array([c.waiting for c in self._coordinates])[self._coordinate_of]
+                used, present = used & ready, present & ready
             if not self._in_volts:
                 readings = self.filter.hall.angles(readings)
         self.filter.step(dt, np.array(joint_rates), readings, used, spread)

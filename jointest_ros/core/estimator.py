@@ -9,6 +9,7 @@ from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Seri
 from jointest_ros.core.params import Params as ParameterSet
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.timing import Timing
+from jointest_ros.core.torso import TorsoChain
 
 
 class Estimator(ABC):
@@ -57,6 +58,15 @@ class Estimator(ABC):
     def covariance(self) -> FloatArray:
         """Covariance of the latest joint positions, (n, n), rad^2, in the order of `joints`."""
         raise NotImplementedError
+
+    def innovations(self) -> list[float]:
+        """Innovations of the newest frame over their standard deviations; NaN: that reading was not used."""
+        return []
+
+    @property
+    def torso(self) -> TorsoChain | None:
+        """The chain whose torso it estimates, if it does."""
+        return None
 
     def biases(self) -> dict[str, float]:
         """The latest sensor biases by name (rad/s for gyros, V for Hall sensors, m/s^2 for accelerometers)."""

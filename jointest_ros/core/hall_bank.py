@@ -35,7 +35,7 @@ class HallBank:
         """Joint angles, rad, that readings (..., h) stand for."""
         shifted = volts - self.offset
         if len(self._tables) == 1:
-            return self.sign * self._tables[0][0].angles(shifted)
+            return np.asarray(self.sign * self._tables[0][0].angles(shifted))
         angles = np.empty_like(shifted)
         for table, numbers in self._tables:
             angles[..., numbers] = table.angles(shifted[..., numbers])

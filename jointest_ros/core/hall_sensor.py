@@ -132,7 +132,7 @@ class HallSensor:
         low, high = self.hall_range
         if not (-100.0 <= low < high <= 100.0 and high - low > 2.0 * self.gate_margin):
             raise ConfigurationError(
-                f"{where}.hall_range: {self.hall_range!r} is not allowed; give [lowest, highest] V, wider than the noise"
+                f"{where}.hall_range: {self.hall_range!r} is not allowed; give [lowest, highest] V, wider than noise"
             )
 
     @property

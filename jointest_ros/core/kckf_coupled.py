@@ -83,7 +83,7 @@ class CoupledFilter:
         self.covariance[:m, :m] = angle**2 * self.noise.angle_prior
         self.covariance[m : m + d, m : m + d] = bias**2 * self._bias_prior()
         self.covariance[m + d :, m + d :] = offset**2 * np.eye(offsets)
-        self._steep = True
+        self._steep = True  # the curve may bend within the prior: readings are taken by Gauss and Newton's iteration
         self._unsettle()
 
     def _biases(self) -> int:
@@ -99,7 +99,7 @@ class CoupledFilter:
         self.covariance[:m] = 0.0
         self.covariance[:, :m] = 0.0
         self.covariance[:m, :m] = self._start[0] ** 2 * self.noise.angle_prior
-        self._steep = True  # the curve may bend within the prior: readings are taken by Gauss and Newton's iteration
+        self._steep = True
         self._unsettle()
 
     def _unsettle(self) -> None:
@@ -124,6 +124,7 @@ class CoupledFilter:
         `rates`: (..., m) rad/s. `readings`: (..., h) V, or rad where Hall angles are measured; only `used` ones count.
         `spread`: (m,) rad^2, added variance of angles that were not measured.
         """
+        before = None
         if self._settles:
             key = (dt, used.tobytes())
             if key != self._key or spread is not None:
@@ -134,7 +135,8 @@ class CoupledFilter:
                 self._correct_settled(readings, used)
                 return
             self._steps += 1
-        before = self.covariance.copy() if self._steps % _CHECK_EVERY == 0 else None
+            if self._steps % _CHECK_EVERY == 0:
+                before = self.covariance.copy()
         if dt:
             self._predict_state(dt, rates)
             self._predict_covariance(dt, spread)
@@ -143,7 +145,7 @@ class CoupledFilter:
             self._whitened = np.empty((0, 1))
             return
         self._correct(readings, used)
-        if before is not None and self._steps:
+        if before is not None:
             self._settle(before)
 
     def _predict_state(self, dt: float, rates: FloatArray) -> None:
@@ -158,26 +160,21 @@ class CoupledFilter:
             angle, cross, bias = increments(noise.paper, noise.white, noise.walk, dt)
             self._increment = np.zeros_like(self.covariance)
             self._increment[: m + d, : m + d] = np.block([[angle, cross], [cross.T, bias]])
-            self._add_offset_walk(self._increment, dt)
+            if self._offset_walk is not None:
+                offsets = range(m + d, len(self.x))
+                self._increment[offsets, offsets] = self._offset_walk**2 * dt
         p = self.covariance
         p[:m] -= dt * p[m : m + d]
         p[:, :m] -= dt * p[:, m : m + d]
         p += self._increment
-        self._finish_prediction(spread)
+        angles = p[:m, :m]  # the rest is symmetric to the last digit
+        angles += angles.T
+        angles *= 0.5
+        self._spread(spread)
 
-    def _add_offset_walk(self, increment: FloatArray, dt: float) -> None:
-        if self._offset_walk is not None:
-            offsets = range(self.m + self.d, len(increment))
-            increment[offsets, offsets] += self._offset_walk**2 * dt
-
-    def _finish_prediction(self, spread: FloatArray | None) -> None:
-        """Remove the rounding of one digit by which the block of the angles is not symmetric."""
-        m = self.m
-        block = self.covariance[:m, :m]
-        block += block.T
-        block *= 0.5
+    def _spread(self, spread: FloatArray | None) -> None:
         if spread is not None:
-            block[range(m), range(m)] += spread
+            self.covariance[range(self.m), range(self.m)] += spread
             self._steep = True
 
     def _correct(self, readings: FloatArray, used: NDArray[np.bool_]) -> None:
@@ -196,6 +193,7 @@ class CoupledFilter:
         prior = point = self.x
         if self._steep:
             self._steep = bool((p.diagonal()[: self.m] > ITERATE_ABOVE).any())
+        if self._steep:
             point = self._start_point(readings, used)
         for _ in range(ITERATIONS):
             expected, slope = self.hall.voltages(point[self._coordinate])
@@ -257,10 +255,10 @@ class CoupledFilter:
 
     def _correct_settled(self, readings: FloatArray, used: NDArray[np.bool_]) -> None:
         assert self._settled is not None
-        gain, self._whitening = self._settled
+        gain, whitening = self._settled
         innovation = readings[..., used] - self.x[..., self._coordinate[used]]
         self.x += innovation @ gain
-        self._whitened = (innovation @ self._whitening).reshape(-1, len(gain)).T
+        self._whitened = (innovation @ whitening).reshape(-1, len(gain)).T
 
     # ------------------------------------------------------------- results
 

@@ -144,9 +144,14 @@ class MotionFilter(CoupledFilter):
         self._gyro_noise, self._alignment = gyro_noise, alignment
         super().__init__(*args, **kwargs)
         self._settles = False
-        self._walk = np.diag(gyro_walk)
-        self._identity, self._no_bias = np.eye(self.m), np.zeros(self.m)
-        self._step = np.empty((self.m, self.m + self.d))
+        m, both, n = self.m, self.m + self.d, len(self.x)
+        self._transition = np.eye(n)
+        self._by_angles, self._by_biases = self._transition[:m, :m], self._transition[:m, m:both]
+        self._walk = np.zeros(n)  # of every state, per second
+        self._walk[m:both] = gyro_walk
+        if self._offset_walk is not None:
+            self._walk[both:] = self._offset_walk**2
+        self._identity, self._no_bias = np.eye(m), np.zeros(m)
 
     def _biases(self) -> int:
         return len(self._gyro_noise)
@@ -162,19 +167,16 @@ class MotionFilter(CoupledFilter):
         self.x[: self.m] += dt * rates
 
     def _predict_covariance(self, dt: float, spread: FloatArray | None) -> None:
-        m, both = self.m, self.m + self.d
-        rows, step, p = self.motion.rows, self._step, self.covariance
-        np.multiply(self.motion.slopes, dt, out=step[:, :m])
-        step[:, :m] += self._identity
-        np.multiply(rows, -dt, out=step[:, m:])
-        moved = step @ p[:both]
-        p[:m, m:] = moved[:, m:]
-        p[m:, :m] = moved[:, m:].T
-        p[:m, :m] = moved[:, :both] @ step.T
+        m, rows, p = self.m, self.motion.rows, self.covariance
+        np.multiply(self.motion.slopes, dt, out=self._by_angles)
+        self._by_angles += self._identity
+        np.multiply(rows, -dt, out=self._by_biases)
+        np.matmul(self._transition @ p, self._transition.T, out=p)
         p[:m, :m] += (rows * (dt * self._gyro_noise)) @ rows.T
-        p[m:both, m:both] += dt * self._walk
-        self._add_offset_walk(p, dt)
-        self._finish_prediction(spread)
+        p.ravel()[:: len(p) + 1] += dt * self._walk
+        p += p.T
+        p *= 0.5
+        self._spread(spread)
         if len(self.motion.residuals):
             self._correct_off_axis(dt)
 

@@ -18,7 +18,7 @@ from jointest_ros.core.params import Params
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.rotation import rotate
 from jointest_ros.core.timing import Timing
-from jointest_ros.core.torso import GyroTorso, torso_of, torsos_of
+from jointest_ros.core.torso import GyroTorso, TorsoChain, torso_of, torsos_of
 
 KINEMATICS = ("composed", "additive")
 KINEMATICS_TEXT = (
@@ -198,6 +198,12 @@ class LinkageEstimator(Estimator):
     def biases(self) -> dict[str, float]:
         """Latest biases: `<coordinate>.gyro` or `<sensor>.x`, `.y`, `.z` in rad/s, `<coordinate>.hall_1` in V."""
         return self._bank.biases()
+
+    @property
+    def torso(self) -> TorsoChain | None:
+        """The chain, where the joints are in series."""
+        linkage = self.linkage
+        return TorsoChain(linkage.links[0], linkage.names, linkage.axes, self._composed) if linkage.serial else None
 
     def innovations(self) -> list[float]:
         """Normalised innovations of the newest frame in the order of `Robot.hall`; NaN: not used."""

@@ -62,7 +62,7 @@ def reject_unknown(values: Iterable[str], allowed: Iterable[str], where: str = "
     names = list(allowed)
     for name in values:
         if name not in names:
-            near = difflib.get_close_matches(str(name), names, n=1)
+            near = difflib.get_close_matches(str(name).lower(), names, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"allowed: {', '.join(names)}"
             raise ConfigurationError(f"{where + '.' if where else ''}{name}: unknown {what}; {hint}")
 

@@ -200,7 +200,8 @@ class Pcf(Estimator):
 
     def run(self, recording: Recording) -> Series:
         """Estimates of a stretch of frames; hinges by arrays. Equal to `update` in a loop."""
-        if len(self._hinges) < len(self._filters) or self.params.mag_weight or not len(recording):
+        hinges_only = self._hinges and len(self._hinges) == len(self._filters)
+        if not hinges_only or self.params.mag_weight or not len(recording):
             return super().run(recording)
         series, start = [], 0
         for stop, still in self.stillness.run(recording):
@@ -247,7 +248,7 @@ class Pcf(Estimator):
     def _still_means(self) -> tuple[dict[str, Vec3], dict[str, Vec3]]:
         if self.stillness.duration <= 0.0:
             raise CalibrationError(
-                "the robot moves, has not been still for half a second, or a sensor is silent: hold it still and try again"
+                "the robot moves, was not still for half a second, or a sensor is silent; hold it still and try again"
             )
         return self.stillness.means()
 
@@ -296,6 +297,11 @@ class Pcf(Estimator):
     def covariance(self) -> FloatArray:
         """Diagonal: the joints are estimated one by one."""
         return np.diag(self._variance)
+
+    def innovations(self) -> list[float]:
+        """Of the hinges' newest corrections, over their standard deviations; NaN where there was none."""
+        hinges = [f for f in self._filters if isinstance(f, HingeFilter)]
+        return [f.innovation / math.sqrt(f.innovation_variance) for f in hinges]
 
     def biases(self) -> dict[str, float]:
         """Gyro biases, rad/s: `<joint>.gyro` along the axis of a hinge (child minus parent), else by component."""

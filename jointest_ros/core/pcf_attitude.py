@@ -62,11 +62,13 @@ class ComplementaryFilter:
         a2: Vec3,
         m1: Vec3 | None = None,
         m2: Vec3 | None = None,
+        field_time: float = 0.0,
     ) -> Vec3:
         """One sample: gyros (rad/s), accelerometers, fields (any unit) in B1 and B2. Returns W, rad/s in B2.
 
-        The gyros hold for the `elapsed` s since the last sample, the correction for `measured` s of them (less where
-        samples are missing). Written out in components: calls of `rotation.py` would cost half as much again.
+        The gyros hold for the `elapsed` s since the last sample, the accelerometers for `measured` s of them (less
+        where samples are missing), the fields for `field_time` s (more where magnetometers are slower). Written out in
+        components: calls of `rotation.py` would cost half as much again.
         """
         gains = self.gains
         x, y, z, w = self.rotation
@@ -101,24 +103,24 @@ class ComplementaryFilter:
             w * hz + x * hy - y * hx + z * c,
             w * c - x * hx - y * hy - z * hz,
         )
-        # e = a2 x R^T a1
+        # e = a2 x R^T a1, times the seconds for which it holds
         vx, vy, vz = a1
         tx, ty, tz = 2.0 * (z * vy - y * vz), 2.0 * (x * vz - z * vx), 2.0 * (y * vx - x * vy)
         ux, uy, uz = vx + w * tx - y * tz + z * ty, vy + w * ty - z * tx + x * tz, vz + w * tz - x * ty + y * tx
         vx, vy, vz = a2
         lengths = math.sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz))
-        k = gains.accel_weight / lengths if lengths > 0.0 else 0.0
+        k = gains.accel_weight * measured / lengths if lengths > 0.0 else 0.0
         ex, ey, ez = k * (vy * uz - vz * uy), k * (vz * ux - vx * uz), k * (vx * uy - vy * ux)
         if m1 is not None and m2 is not None:
             lengths = math.sqrt(dot(m1, m1) * dot(m2, m2))
-            k = gains.mag_weight / lengths if lengths > 0.0 else 0.0
+            k = gains.mag_weight * field_time / lengths if lengths > 0.0 else 0.0
             ux, uy, uz = cross(m2, rotate_inverse((x, y, z, w), m1))
             ex, ey, ez = ex + k * ux, ey + k * uy, ez + k * uz
-        k = gains.ki * measured
+        k = gains.ki
         self.integral = (ix + k * ex, iy + k * ey, iz + k * ez)
         # R+ exp([Kp e]x dt), for the small angles of one step
-        k = gains.kp * measured
-        k = 0.5 * k if k < 1.0 else 0.5
+        k = measured if measured > field_time else field_time
+        k = 0.5 * gains.kp if gains.kp * k < 1.0 else 0.5 / k
         hx, hy, hz = k * ex, k * ey, k * ez
         x, y, z, w = (
             x + w * hx + y * hz - z * hy,

@@ -33,7 +33,7 @@ from jointest_ros.core.rotation import dot, perpendicular, rotate_inverse, wrap
 Scalar = TypeVar("Scalar", float, FloatArray)
 Sample = tuple[int, float, float, float, float]  # stamp ns, period s, rate rad/s, angle rad, lever (m/s^2)^2
 
-_STATE = ("stamp", "rate", "lever", "q", "b", "p00", "p01", "p11", "zero", "status")
+_STATE = ("stamp", "mag_stamp", "rate", "lever", "q", "b", "p00", "p01", "p11", "zero", "status")
 _STARTING, _GAP, _UNOBSERVABLE = int(Status.STARTING), int(Status.GAP), int(Status.UNOBSERVABLE)
 _NO_DATA, _STALE = int(Status.NO_DATA), int(Status.STALE)
 _TURN = 2.0 * math.pi
@@ -56,6 +56,7 @@ class HingeFilter:
     """One hinge between two inertial sensors. All vectors are in the frames of the sensors."""
 
     stamp: int | None  # ns, of the newest frame with both sensors
+    mag_stamp: int | None  # ns, of the newest one with both magnetometers
 
     def __init__(self, joint: Joint, parent: Sensor, child: Sensor, noise: HingeNoise, gaps: Gaps) -> None:
         self.joint, self.parent, self.child, self.noise, self.gaps = joint, parent.name, child.name, noise, gaps
@@ -68,7 +69,8 @@ class HingeFilter:
         self._least_lever = (STANDARD_GRAVITY * math.sin(noise.gravity_cone)) ** 2
         low, high = joint.limits[0] if joint.limits else (-math.pi, math.pi)
         self._middle = 0.5 * (low + high)
-        self._reach = math.pi if joint.limits else math.inf  # from the middle, rad; beyond it is another branch
+        # rad from the middle; beyond it the angle is on another branch
+        self._reach = max(math.pi, 0.5 * (high - low)) if joint.limits else math.inf
         self.zero = 0.0  # rad, what the accelerometers read at the zero pose
         self.innovation = math.nan  # rad, of the latest correction
         self.innovation_variance = math.nan  # rad^2
@@ -81,7 +83,7 @@ class HingeFilter:
 
     def restart(self) -> None:
         """Start the angle afresh from the next frame; what is known of the bias is kept."""
-        self.stamp = None
+        self.stamp = self.mag_stamp = None
         self.rate = 0.0
         self.lever = 0.0  # (m/s^2)^2, smoothed over 1 s: else an accelerating link lets in just the disturbed samples
         self.status = _STARTING
@@ -102,6 +104,9 @@ class HingeFilter:
                 s, c = self._in_plane(m1, m2)
                 scale = self.noise.mag_weight * math.sqrt(dot(a1, a1) * dot(a2, a2))
                 scale /= math.sqrt(dot(m1, m1) * dot(m2, m2)) or math.inf
+                if frame.period == frame.period:  # slower than the accelerometers: it stands for more time
+                    scale *= self.gaps.hold(frame.stamp, self.mag_stamp, frame.period) / frame.period
+                self.mag_stamp = frame.stamp
                 weight = self.noise.accel_weight
                 sine, cosine = weight * sine + scale * s, weight * cosine + scale * c
         return self._rate(w1, w2), math.atan2(sine, cosine), math.sqrt(sine * sine + cosine * cosine)

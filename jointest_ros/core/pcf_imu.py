@@ -31,6 +31,10 @@ class Gaps:
             return period
         return elapsed if elapsed <= self.max_gap else UNKNOWN_PERIOD
 
+    def hold(self, stamp: int, before: int | None, measured: float) -> float:
+        """For how long a slower measurement at `stamp` stands that came at `before` the last time, s."""
+        return measured if before is None else min((stamp - before) * 1e-9, self.max_gap)
+
     def spread(self, elapsed: float) -> float:
         """What `elapsed` s without samples add to the variance of an angle, rad^2."""
         return (self.gap_rate * elapsed) ** 2 if elapsed > self.max_gap else 0.0
@@ -93,8 +97,6 @@ class AbsoluteImu:
         field = frame.mag.get(self.imu.sensor.name) if attitude.gains.mag_weight else None
         if self.stamp is None:
             attitude.rotation = between(accel, UP)
-            if field is not None:
-                attitude.rotation = heading_north(attitude.rotation, field)
         else:
             elapsed = (frame.stamp - self.stamp) * 1e-9
             measured = self.gaps.measured(elapsed, frame.period)
@@ -106,8 +108,11 @@ class AbsoluteImu:
             if field is not None:
                 turn = exp((rate[0] * turned, rate[1] * turned, rate[2] * turned))
                 north = world_field(multiply(attitude.rotation, turn), field)
-            attitude.step(turned, measured, STILL, rate, UP, accel, north, field)
+            field_time = self.gaps.hold(frame.stamp, self.mag_stamp, measured)
+            attitude.step(turned, measured, STILL, rate, UP, accel, north, field, field_time)
         if field is not None:
+            if self.mag_stamp is None:
+                attitude.rotation = heading_north(attitude.rotation, field)
             self.mag_stamp = frame.stamp
         self.imu.before, self.stamp = gyro, frame.stamp
 

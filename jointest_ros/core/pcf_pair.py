@@ -31,6 +31,7 @@ START_VARIANCE = 0.25  # rad^2, of the first angle: it may be taken while the ro
 _LEAST_LEVER = 0.03  # squared sine of the angle between axis and gravity (10 deg) below which gravity tells nothing
 _NO_DATA, _GAP, _STALE, _STARTING = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE), int(Status.STARTING)
 _UNOBSERVABLE = int(Status.UNOBSERVABLE)
+_LISTS = ("zero", "position", "velocity", "variance", "status", "field")
 
 # positions rad, velocities rad/s, variances rad^2, `Status` flags: one entry an axis of the joint
 JointOutput = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], tuple[int, ...]]
@@ -40,12 +41,15 @@ class _Pair:
     """What both formulations share: from R12 to the positions of one joint."""
 
     stamp: int | None  # ns, of the newest frame with both sensors
-    mag_stamp: int | None
+    mag_stamp: int | None  # ns, of the newest frame with both magnetometers
+    field: Vec3  # tesla, in the child's sensor at `mag_stamp`
 
     def __init__(self, joint: Joint, parent: Sensor, child: Sensor, gains: Gains, gaps: Gaps) -> None:
         self.joint, self.parent, self.child, self.gains, self.gaps = joint, parent, child, gains, gaps
-        middles = [0.5 * (low + high) for low, high in joint.limits] if joint.limits else [0.0] * len(joint.axes)
-        self._middles = tuple(middles)
+        limits = joint.limits or ((-math.inf, math.inf),) * len(joint.axes)
+        self._middles = tuple([0.5 * (low + high) if joint.limits else 0.0 for low, high in limits])
+        # The middle of a range of a turn or less tells the branch of an angle, otherwise the angle before does.
+        self._bounded = tuple([high - low <= 2.0 * math.pi for low, high in limits])
         self._gyro_density2 = parent.gyro_noise**2 + child.gyro_noise**2
         accel2 = (parent.accel_noise**2 + child.accel_noise**2) / STANDARD_GRAVITY**2
         self._correction_density2 = (gains.kp**2 + gains.ki) * accel2
@@ -56,6 +60,7 @@ class _Pair:
         """Start the angles afresh from the next frame."""
         n = len(self.joint.axes)
         self.stamp = self.mag_stamp = None
+        self.field = STILL
         self.position, self.velocity, self.variance = (0.0,) * n, (0.0,) * n, (UNKNOWN_VARIANCE,) * n
         self.status = (_STARTING,) * n
 
@@ -66,16 +71,15 @@ class _Pair:
 
     def get_state(self) -> dict[str, Any]:
         """All that changes, as plain numbers."""
-        lists = {name: list(getattr(self, name)) for name in ("zero", "position", "velocity", "variance", "status")}
+        lists = {name: list(getattr(self, name)) for name in _LISTS}
         return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, **lists}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
         self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
-        self._take_zero(tuple(state["zero"]))
-        self.position, self.velocity, self.variance, self.status = (
-            tuple(state[name]) for name in ("position", "velocity", "variance", "status")
-        )
+        for name in _LISTS:
+            setattr(self, name, tuple(state[name]))
+        self._take_zero(self.zero)
 
     # ------------------------------------------------------------- zero pose
 
@@ -112,7 +116,9 @@ class _Pair:
         gap = self.gaps.spread(elapsed) if elapsed > self.gaps.max_gap else 0.0
         decay, noise, correction = self.gains.kp * elapsed, self._gyro_density2, self._correction_density2
         position, variance, status = [], [], []
-        for angle, near, before, s2 in zip(angles, self.position, self.variance, levers, strict=True):
+        rows = zip(angles, self._bounded, self._middles, self.position, self.variance, levers, strict=True)
+        for angle, bounded, middle, last, before, s2 in rows:
+            near = middle if bounded else last
             position.append(near + wrap(angle - near))
             kept = 1.0 - decay * s2 if decay * s2 < 1.0 else 0.0
             after = kept * kept * before + (noise + correction * s2) * elapsed + gap
@@ -126,14 +132,20 @@ class _Pair:
         """How much of a turn of each coordinate the measured directions show, 0 (nothing) to 1.
 
         A turn about gravity, at 1 rad/s, turns coordinate i at t_i and cannot be seen: 1 - t_i^2 is left (one axis: the
-        squared sine of the angle between axis and gravity). A field beside gravity shows everything.
+        squared sine of the angle between axis and gravity). The same holds for the magnetic field.
         """
+        levers = self._levers_of(a2, angles)
         if self.mag_stamp is not None and (stamp - self.mag_stamp) * 1e-9 <= self.gaps.max_gap:
-            return (1.0,) * len(angles)
-        gravity2 = dot(a2, a2)
-        if len(angles) == 1 or gravity2 == 0.0:
-            return (lever(self.axes[0], a2),) * len(angles)
-        return [max(0.0, 1.0 - t * t / gravity2) for t in joint_rates(self.axes, angles, a2)]
+            weight = self.gains.mag_weight
+            fields = self._levers_of(self.field, angles)
+            return [min(1.0, one + weight * other) for one, other in zip(levers, fields, strict=True)]
+        return levers
+
+    def _levers_of(self, direction: Vec3, angles: tuple[float, ...]) -> Sequence[float]:
+        length2 = dot(direction, direction)
+        if len(angles) == 1 or length2 == 0.0:
+            return (lever(self.axes[0], direction),) * len(angles)
+        return [max(0.0, 1.0 - t * t / length2) for t in joint_rates(self.axes, angles, direction)]
 
     def _extrapolate(self, stamp: int) -> JointOutput:
         """Without new data: the velocity carries the position on for at most `max_gap`; the state is left alone."""
@@ -178,11 +190,13 @@ class RelativePair(_Pair):
             mean1 = bridge(self._imu1.before, w1, elapsed, measured)
             mean2 = bridge(self._imu2.before, w2, elapsed, measured)
         m1 = m2 = None
+        field_time = 0.0
         if self.gains.mag_weight:
             m1, m2 = frame.mag.get(self.parent.name), frame.mag.get(self.child.name)
             if m1 is not None and m2 is not None:
-                self.mag_stamp = frame.stamp
-        rate = one_filter.step(turned, measured, mean1, mean2, a1, a2, m1, m2)
+                field_time = gaps.hold(frame.stamp, self.mag_stamp, measured)
+                self.mag_stamp, self.field = frame.stamp, m2
+        rate = one_filter.step(turned, measured, mean1, mean2, a1, a2, m1, m2, field_time)
         self._imu1.before, self._imu2.before = w1, w2
         return self._output(frame.stamp, one_filter.rotation, rate, a2, elapsed)
 
@@ -201,8 +215,10 @@ class RelativePair(_Pair):
         self._imu1.bias = self._imu2.bias = self.filter.integral = STILL
 
     def biases(self) -> dict[str, float]:
-        """What the integral found beyond the calibration: bias difference in the child sensor's frame, rad/s."""
-        return {f"{self.joint.name}.gyro_{c}": -i for c, i in zip("xyz", self.filter.integral, strict=True)}
+        """Bias difference, child minus parent in the child's sensor, rad/s: calibrated part less the integral."""
+        parent = rotate_inverse(self.filter.rotation, self._imu1.bias)
+        parts = zip("xyz", self._imu2.bias, parent, self.filter.integral, strict=True)
+        return {f"{self.joint.name}.gyro_{c}": b2 - b1 - i for c, b2, b1, i in parts}
 
     def get_state(self) -> dict[str, Any]:
         return super().get_state() | {
@@ -248,6 +264,7 @@ class AbsolutePair(_Pair):
             self._turn_to(self.first_guess(frame.accel[self.parent.name], a2))
         if one.mag_stamp is not None and two.mag_stamp is not None:
             self.mag_stamp = min(one.mag_stamp, two.mag_stamp)
+            self.field = frame.mag.get(self.child.name, self.field)
         r12 = multiply(conjugate(one.attitude.rotation), two.attitude.rotation)
         w1, w2, i1, i2 = one.imu.before, two.imu.before, one.attitude.integral, two.attitude.integral
         x, y, z = rotate_inverse(r12, (w1[0] + i1[0], w1[1] + i1[1], w1[2] + i1[2]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Quat, Vec3
 from jointest_ros.core.rotation import IDENTITY, exp, log, multiply
+
+
+@dataclass(frozen=True)
+class TorsoChain:
+    """Which torso: the last link of a chain in `first`, from the coordinates `joints` about `axes`, in order."""
+
+    first: str
+    joints: tuple[str, ...]
+    axes: tuple[Vec3, ...]
+    composed: bool  # rotations in succession; otherwise sums of the angles about the same axis
 
 
 def torso_of(axes: Sequence[Vec3], angles: Sequence[float], composed: bool) -> tuple[Vec3, Quat]:
@@ -39,6 +50,8 @@ def torso_of(axes: Sequence[Vec3], angles: Sequence[float], composed: bool) -> t
 
 def torsos_of(axes: Sequence[Vec3], angles: FloatArray, composed: bool) -> tuple[FloatArray, FloatArray]:
     """`torso_of` of T rows of angles (T, m): (T, 3) and (T, 4)."""
+    if not len(angles):  # scipy 1.11 has no array of zero rotations
+        return np.empty((0, 3)), np.empty((0, 4))
     if not composed:
         torso = angles @ np.array(axes)
         return torso, Rotation.from_rotvec(torso).as_quat()

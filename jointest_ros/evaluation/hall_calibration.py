@@ -31,10 +31,11 @@ _FEWEST = 20  # readings for a fit
 _MOST = 20_000  # readings in a fit: more take time and tell nothing
 _LEAST_CORRELATION = 0.3  # of readings and reference
 _ROUNDS = 4  # of choice of readings and fit in turn; two or three do
-_KEEP_OFF = 3.0  # sigma between gate and fitted reading
+_KEEP_OFF = 4.0  # sigma between rail and fitted reading
 _OUTLIER = 3.0  # sigma from which the loss grows with a residual, not with its square
 _FAR_OUT = 5.0  # sigma from which a residual is no noise
 _PRIOR = 1.5  # sigma of the logarithm of a parameter: a factor of 4.5
+_ABSENT_DEG = 0.1  # where the fit starts with a term that the configured curve does not have
 _PRIOR_ANGLE = math.radians(30.0)  # sigma of the first angle of a spline
 _PRIOR_LAG = 0.1  # s
 _PRIOR_HYSTERESIS = math.radians(5.0)
@@ -210,9 +211,10 @@ def _exponential(data: _Data, usable: NDArray[np.bool_]) -> _Family:
         b, d = np.exp(p[1]), np.exp(p[3])
         return ExponentialCurve(float(np.exp(p[0] - b * middle)), float(b), float(np.exp(p[2] + d * middle)), float(d))
 
-    b, d, at = configured.b, configured.d, middle - data.sensor.offset
-    a, c = (math.log(max(v, 1e-9)) for v in (configured.a_deg, configured.c_deg))  # one of them may be 0
-    return _Family(np.array([a + b * at, math.log(b), c - d * at, math.log(d)]), np.full(4, _PRIOR), curve)
+    at = middle - data.sensor.offset
+    terms = configured.a_deg * math.exp(configured.b * at), configured.c_deg * math.exp(-configured.d * at)
+    rising, falling = (term or _ABSENT_DEG for term in terms)
+    return _Family(np.log([rising, configured.b, falling, configured.d]), np.full(4, _PRIOR), curve)
 
 
 def _spline(rough: Curve, angles: FloatArray, sensor: HallSensor) -> _Family:
@@ -257,7 +259,7 @@ def _solve(family: _Family, data: _Data, used: NDArray[np.bool_], delays: FloatA
         before, sigma = sigma, max(1.4826 * float(np.median(abs(data.volts - expected)[used])), _LEAST_NOISE)
         covariance = np.linalg.pinv(result.jac.T @ result.jac) * (sigma / before) ** 2
         solution = _Solution(family, parameters[:-2], parameters[-2:], covariance, used, sigma)
-        keep_off = replace(data.sensor, noise=sigma).gate_margin + _KEEP_OFF * sigma
+        keep_off = 2.0 * data.sensor.resolution + _KEEP_OFF * sigma
         chosen = (expected > low + keep_off) & (expected < high - keep_off) & data.sensor.usable(data.volts)
         if chosen.sum() < _FEWEST:
             raise CalibrationError(f"the readings scatter by {sigma:.3g} V about any curve; are they of this joint?")

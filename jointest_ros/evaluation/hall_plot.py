@@ -51,16 +51,16 @@ def draw(path: Path, title: str, sensors: Sequence[FittedSensor]) -> None:
 
 def _draw_curve(axes: Any, shown: FittedSensor) -> None:
     fit, angles = shown.fit, np.degrees(shown.reference)
-    for rows, colour, label in ((~fit.used, "0.75", "not used"), (fit.used, "C0", "used")):
-        rows = np.flatnonzero(rows)[:: math.ceil(len(fit.used) / _POINTS)]
+    for chosen, colour, label in ((~fit.used, "0.75", "not used"), (fit.used, "C0", "used")):
+        rows = np.flatnonzero(chosen)[:: math.ceil(len(chosen) / _POINTS)]
         axes.plot(shown.volts[rows], angles[rows], ".", color=colour, markersize=2, label=label)
-    limits = axes.get_ylim()
+    limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
     everywhere = np.linspace(*fit.sensor.hall_range, 400)
     axes.plot(everywhere, np.degrees(shown.configured.angle(everywhere)), "--", color="0.4", label="configured")
     axes.plot(everywhere, np.degrees(fit.sensor.angle(everywhere)), "C3", label="fitted")
     curve = np.degrees(fit.sensor.angle(fit.volts))
     axes.fill_between(fit.volts, curve - 2.0 * fit.std_deg, curve + 2.0 * fit.std_deg, color="C3", alpha=0.3)
-    axes.set(title=shown.name, xlabel="voltage, V", ylabel="joint angle, deg", ylim=limits)
+    axes.set(title=shown.name, xlabel="voltage, V", ylabel="joint angle, deg", **limits)
     axes.legend(fontsize="small", markerscale=4.0)
     axes.grid(color="0.9")
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Series, Status
+from jointest_ros.core.torso import TorsoChain, torsos_of
 from jointest_ros.evaluation.truth import Truth, match
 
 UNUSABLE = int(Status.STARTING | Status.STALE)  # such a position is not published, and not judged
@@ -110,31 +111,62 @@ def inclination_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
 
 
 def errors(
-    series: Series, joints: tuple[str, ...], truth: Truth, skip_s: float = 0.0, continuous: Collection[str] = ()
+    series: Series,
+    joints: tuple[str, ...],
+    truth: Truth,
+    skip_s: float = 0.0,
+    continuous: Collection[str] = (),
+    chain: TorsoChain | None = None,
 ) -> dict[str, Any]:
-    """All error figures of one estimator, keyed as in the JSON of the design.
+    """All error figures of one estimator, keyed as in the JSON of the design; `nis` is that of the run.
 
     Args:
         series: estimates, columns as `joints`.
         skip_s: truth samples before this time after the first are left out, s.
         continuous: joints whose error is wrapped to [-180, 180) deg.
+        chain: whose torso the estimator gives, if it does.
     """
+    ratios: list[FloatArray] = []
     positions: dict[str, Any] = {}
     velocities: dict[str, Any] = {}
     for column, joint in enumerate(joints):
         if error := joint_error(series, column, truth, joint, skip_s, wrapped=joint in continuous):
             positions[joint] = error.figures()
+            variance = series.variance[error.rows, column]
+            ratios.append(np.radians(error.degrees[variance > 0.0]) ** 2 / variance[variance > 0.0])
         if error := joint_error(series, column, truth, joint, skip_s, of="velocity"):
             velocities[joint] = error.figures()
     inclinations = {sensor: inclination_error(series, truth, sensor, skip_s) for sensor in truth.orientation}
     return {
         "joints": positions,
         "velocities": velocities,
-        "torso": {},
+        "torso": torso_errors(series, chain, truth, skip_s) if chain else {},
         "orientation": {sensor: {"inclination": error.figures()} for sensor, error in inclinations.items() if error},
         "nis": None,
-        "nees": None,
+        "nees": float(np.mean(np.concatenate(ratios))) if any(map(len, ratios)) else None,
     }
+
+
+def torso_errors(series: Series, chain: TorsoChain, truth: Truth, skip_s: float = 0.0) -> dict[str, Any]:
+    """`torso` of the JSON: `x`, `y`, `z` (rotation vector, or sums of angles when additive) and `geodesic`, degrees.
+
+    The true torso is made of the true joint angles by the estimator's own kinematics; samples in which the truth of a
+    joint is unknown are left out.
+    """
+    if series.torso is None or series.torso_orientation is None or not set(chain.joints) <= set(truth.position):
+        return {}
+    position = np.column_stack([truth.position[joint] for joint in chain.joints])
+    known = after(truth.stamps, skip_s) & np.isfinite(position).all(axis=1)
+    usable = np.flatnonzero(((series.status & UNUSABLE) == 0).all(axis=1) & np.isfinite(series.torso).all(axis=1))
+    rows, matched = match(series.stamps[usable], truth.stamps[known])
+    if not len(rows):
+        return {}
+    rows, expected = usable[rows], int(known.sum())
+    vectors, quaternions = torsos_of(chain.axes, position[known][matched], chain.composed)
+    difference = np.degrees(series.torso[rows] - vectors)
+    turn = Rotation.from_quat(series.torso_orientation[rows]).inv() * Rotation.from_quat(quaternions)
+    table = {name: summarize(difference[:, column], expected) for column, name in enumerate("xyz")}
+    return {**table, "geodesic": summarize(np.degrees(turn.magnitude()), expected)}
 
 
 def has_figures(table: Mapping[str, Any]) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -18,6 +19,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from jointest_ros import config
+from jointest_ros.bags.cdr_encode import encode_quaternion_stamped, encode_vector3_stamped
 from jointest_ros.bags.intake import Handler, Intake
 from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.core.catalogue import ESTIMATORS
@@ -94,12 +96,16 @@ class EstimatorNode(Node):
         self._publish_states = self.create_publisher(JointState, "joint_states", 1000).publish
         self._covariance = self.create_publisher(Float64MultiArray, "joint_covariance", 10)
         self._biases = self.create_publisher(Float64MultiArray, "biases", 10)
+        self._torso_frame = self.estimator.torso.first if self.estimator.torso else ""
+        if self._torso_frame:
+            self._publish_angle = self.create_publisher(Vector3Stamped, "torso_angle", 1000).publish
+            self._publish_orientation = self.create_publisher(QuaternionStamped, "torso_orientation", 1000).publish
         self._offer_services()
-        topics = self._subscribe(params, stamped_by_arrival=bool(configuration.robot.hall))
+        topics = self._subscribe(params)
         self._diagnostics = Diagnostics(self, self.intake, topics, self.estimator.joints)
         self.get_logger().info(f"{kind.name}: {', '.join(self.estimator.joints)} from {', '.join(self.intake.topics)}")
 
-    def _subscribe(self, params: NodeParams, stamped_by_arrival: bool) -> dict[str, str]:
+    def _subscribe(self, params: NodeParams) -> dict[str, str]:
         """Topic as configured -> its name in ROS."""
         reliable = params.reliability == "reliable"
         qos = QoSProfile(
@@ -110,8 +116,7 @@ class EstimatorNode(Node):
         prefix = re.sub("//+", "/", f"/{params.sensor_namespace}/") if params.sensor_namespace else ""
         names = {}
         for topic, msgtype in self.intake.topics.items():
-            receive = self._receive_with_info if stamped_by_arrival else self._receive
-            callback = partial(receive, self.intake.handlers[topic])
+            callback = partial(self._receive, self.intake.handlers[topic])
             name = topic if topic.startswith("/") else prefix + topic
             names[topic] = self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True).topic_name
         return names
@@ -119,12 +124,8 @@ class EstimatorNode(Node):
     # ------------------------------------------------------------- data
 
     def _receive(self, handler: Handler, data: bytes) -> None:
-        for frame in handler(data, 0):
-            self._estimate(frame)
-
-    def _receive_with_info(self, handler: Handler, data: bytes, info: dict[str, int]) -> None:
-        """Hall messages have no stamp: their arrival is when they were sent, which the executor does not delay."""
-        for frame in handler(data, info["source_timestamp"]):
+        """The arrival, by which Hall messages are paired, is now: the EventsExecutor cannot tell when it was sent."""
+        for frame in handler(data, time.monotonic_ns()):
             self._estimate(frame)
 
     def _estimate(self, frame: Frame) -> None:
@@ -138,6 +139,10 @@ class EstimatorNode(Node):
         message = self._output.encode(estimate)
         if message is not None:
             self._publish_states(message)
+        angle, orientation, frame = estimate.torso, estimate.torso_orientation, self._torso_frame
+        if frame and angle and orientation and not self._output.hides(estimate):
+            self._publish_angle(encode_vector3_stamped(estimate.stamp, frame, angle))
+            self._publish_orientation(encode_quaternion_stamped(estimate.stamp, frame, orientation))
         if self._covariance.get_subscription_count():
             matrix = self.estimator.covariance().ravel().tolist()
             self._covariance.publish(labelled_array(list(self.estimator.joints), matrix))

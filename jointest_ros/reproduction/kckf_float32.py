@@ -97,7 +97,7 @@ def run(report: Report, options: Options) -> Result:
     late = [trials.rmse_deg(np.radians(error[len(error) // 2 :])) for error in errors]
     rows: list[tuple[Cell, ...]] = [
         ("steps", None, total, total),
-        ("P stands still, bit by bit, after s", None, _seconds(double), _seconds(single)),
+        ("P stands still after, s", None, _seconds(double), _seconds(single)),
         ("largest |P - Pᵀ| / |P|", "about 0", double.asymmetry, single.asymmetry),
         ("smallest eigenvalue of P as correlations", "> 0", double.least, single.least),
         ("rms error of the torso, second half, deg", None, *map(float, late)),
@@ -148,4 +148,5 @@ def _draw(figure: Figure, time: FloatArray, relative: FloatArray, errors: list[F
     bottom.legend(markerscale=8)
     for axes in (top, bottom):
         axes.grid(alpha=0.3)
+        axes.set_xlim(0.0, minutes[-1])
     top.set_title("The KCKF at 1 kHz in single and double precision (simulated)")

@@ -60,6 +60,7 @@ class SettlingKckf:
     def __init__(self, estimator: Kckf, dt: float) -> None:
         self._estimator, self._dt = estimator, dt
         self._inputs = LinkageInputs(estimator.robot, estimator.linkage)
+        self._x: FloatArray = np.empty(0)
         self._covariance: FloatArray | None = None
         self._steady: tuple[FloatArray, FloatArray] | None = None  # F, G
         self.by_frame = 0
@@ -110,7 +111,10 @@ class IntegratedTorso:
 
 
 def scan(transition: FloatArray, start: FloatArray, driven: FloatArray) -> FloatArray:
-    """x(k) = F x(k-1) + driven(k) for all rows k (T, n), x(-1) = start: blocks side by side, then what each inherits."""
+    """x(k) = F x(k-1) + driven(k) for all rows k (T, n), x(-1) = start.
+
+    Blocks of sqrt(T) rows side by side, each from zero; then what each inherits from the one before.
+    """
     rows, n = driven.shape
     length = math.isqrt(rows - 1) + 1
     x = np.zeros((-(-rows // length), length, n))

@@ -35,7 +35,7 @@ class Options(Params):
     duration_s: float = param(
         0.0, "length of a simulated trial; 0: each reproduction's own", unit="s", low=0.0, high=86400.0
     )
-    data: str = param("", "file of a fixed trial (.npz) instead of simulated ones")
+    data: str = param("", "file of a fixed trial (.npz) in place of the simulated ones")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,7 +56,10 @@ class ResultTable:
 
     def text(self, cell: Cell) -> str:
         """One cell as a terminal shows it."""
-        return "" if cell is None else format(cell, self.number_format) if isinstance(cell, float) else str(cell)
+        if not isinstance(cell, float):
+            return "" if cell is None else str(cell)
+        text = format(cell, self.number_format)
+        return text.removeprefix("-") if not float(text) else text
 
     def document(self) -> dict[str, Any]:
         """For JSON: each row by column; numbers that are not finite are null."""

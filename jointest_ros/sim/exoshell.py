@@ -3,8 +3,7 @@
 Scenarios of the specification of the kinematically constrained Kalman filter (Yumbla et al. 2023), section 4, and the
 paper's bending user. Some keep to the paper's sums of rates ("additive"), others compose the joints as rotations.
 
-A Hall voltage is V(theta) + offset + noise, limited to the sensor's range, then rounded by a converter of 12 bits over
-3.3 V. theta is what the sensor sees: gain error, hysteresis and shift of the sensor are in it.
+The voltages are read by a converter of 12 bits over 3.3 V (see hall.py).
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Recording, Vec3
@@ -35,6 +33,7 @@ from jointest_ros.sim.exoshell_motion import (
     hold,
     walking_base,
 )
+from jointest_ros.sim.hall import HallReadout
 from jointest_ros.sim.imu import Imu, ImuNoise, mean_rate
 from jointest_ros.sim.motion import LinkMotion
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions, read_options
@@ -219,10 +218,14 @@ class _Rig:
         )
         self._imus = [Imu(noise, Rotation.identity(), options.rate_hz, seed) for seed in gyro_seeds]
         self._biases = np.radians(self.scenario.biases_dps or np.zeros((len(GYROS), 3)))
-        self._hall_noise = np.random.default_rng(hall_seed)
         both = 1e-3 * options.hall_offset_mv * np.array([-1.0, 1.0])
-        self._offsets = (np.array(self.scenario.hall_offsets) + both).ravel()
-        self._play: FloatArray | None = None
+        self._hall = HallReadout(
+            self.robot.hall,
+            (np.array(self.scenario.hall_offsets) + both).ravel(),
+            0.01 * options.hall_gain_percent,
+            math.radians(options.hysteresis_deg),
+            hall_seed,
+        )
 
     def measure(self, start: int, end: int) -> ExoshellRecording:
         """Samples `start` to `end` - 1."""
@@ -237,7 +240,7 @@ class _Rig:
         for k, (name, rates) in enumerate(zip(GYROS, self._link_rates(time, position), strict=True)):
             gyro[name], bias[name] = (table + self._biases[k] for table in self._imus[k].gyro_of(rates))
         torso, orientation = torsos_of(self.scenario.axes, position[1:], self.scenario.base is not None)
-        volts = self._voltages(pose.seen[1:])
+        volts = self._hall.read(pose.seen[1:])
         return ExoshellRecording(
             self.robot,
             Recording(stamps[1:], gyro, {}, hall=volts, period=np.full(end - start, 1.0 / rate)),
@@ -263,25 +266,3 @@ class _Rig:
             links.append(links[-1].child(axis, joint))
         steps = np.diff(fine)
         return [mean_rate(link.orientation, steps).reshape(-1, _SUBSTEPS, 3).mean(axis=1) for link in links]
-
-    def _voltages(self, seen: FloatArray) -> FloatArray:
-        """(n, 8) V for the angles (n, 4) at the sensors."""
-        seen = self._hysteresis(seen * (1.0 + 0.01 * self.options.hall_gain_percent))
-        volts = np.column_stack([sensor.voltage(seen[:, k // 2]) for k, sensor in enumerate(self.robot.hall)])
-        noise = np.array([sensor.noise for sensor in self.robot.hall])
-        volts += self._offsets + noise * self._hall_noise.standard_normal(volts.shape)
-        low, high = np.array([sensor.hall_range for sensor in self.robot.hall]).T
-        volts = np.clip(volts, low, high)
-        step: NDArray[np.float64] = np.array([sensor.resolution for sensor in self.robot.hall])
-        return np.where(step > 0.0, np.round(volts / np.where(step > 0.0, step, 1.0)) * step, volts)
-
-    def _hysteresis(self, angle: FloatArray) -> FloatArray:
-        """The play operator: what is seen follows the angle when that is half the width away."""
-        half = 0.5 * math.radians(self.options.hysteresis_deg)
-        if not half:
-            return angle
-        seen, at = np.empty_like(angle), angle[0] if self._play is None else self._play
-        for k, row in enumerate(angle):
-            seen[k] = at = np.clip(at, row - half, row + half)
-        self._play = at
-        return seen

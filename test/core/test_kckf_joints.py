@@ -46,7 +46,7 @@ def chain(
     links = tuple(f"link_{k}" for k in range(len(joints) + 1))
     made = tuple(Joint(f"joint_{k}", links[k], links[k + 1], axes) for k, axes in enumerate(joints))
     names = [name for joint in made for name in joint.coordinates]
-    mountings = [Rotation.random(rng=rng) if mounted else Rotation.identity() for _ in links]
+    mountings = [Rotation.from_quat(rng.standard_normal(4)) if mounted else Rotation.identity() for _ in links]
     gyros = tuple(
         Sensor(
             link,

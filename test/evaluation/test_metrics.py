@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import Series, Status
+from jointest_ros.core.torso import TorsoChain
 from jointest_ros.evaluation.metrics import errors, has_figures, inclination_deg, joint_error, summarize
 from jointest_ros.evaluation.truth import Truth
 
@@ -165,6 +166,80 @@ def test_rows_and_stamps_of_what_was_matched() -> None:
     assert error.stamps.tolist() == at(4, 10.0, 10.0).tolist()
     assert error.degrees == pytest.approx(np.degrees([1.0, 2.0, 3.0, 4.0]))
     assert error.expected == 5
+
+
+def test_nees_is_the_mean_square_of_the_error_over_its_reported_deviation() -> None:
+    generator = np.random.default_rng(2)
+    sigma = np.tile([0.1, 0.4], (500, 1))
+    sigma[:250] = 0.0  # nothing is reported: left out
+    estimates = series(at(500), sigma * generator.normal(size=(500, 2)))
+    estimates.variance[:] = sigma**2
+    truth = truth_of(at(500), np.zeros(500), np.zeros(500))
+    expected = np.mean((estimates.position[250:] / sigma[250:]) ** 2)
+    assert errors(estimates, JOINTS, truth)["nees"] == pytest.approx(expected)
+    assert expected == pytest.approx(1.0, abs=0.2)
+    estimates.variance[:] *= 4.0
+    assert errors(estimates, JOINTS, truth)["nees"] == pytest.approx(expected / 4.0)
+    assert errors(series(at(500), np.zeros((500, 2))), JOINTS, truth)["nees"] is None
+
+
+# -------------------------------------------------------------------- torso
+
+CHAIN = TorsoChain("base", JOINTS, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), composed=True)
+
+
+def with_torso(position: np.ndarray, turn: Rotation, status: np.ndarray | int = 0) -> Series:
+    """Estimates whose torso is the true one of `position`, then turned by `turn`."""
+    torso = Rotation.from_euler("XY", position) * turn
+    estimates = series(at(len(position)), position, status)
+    estimates.torso, estimates.torso_orientation = torso.as_rotvec(), torso.as_quat()
+    return estimates
+
+
+def test_torso_errors_are_those_of_the_last_link_in_the_first() -> None:
+    position = np.random.default_rng(4).uniform(-0.5, 0.5, size=(40, 2))
+    truth = truth_of(at(40), *position.T)
+    turn = Rotation.from_rotvec([0.0, 0.0, math.radians(3.0)])
+    table = errors(with_torso(position, turn), JOINTS, truth, 0.1, chain=CHAIN)["torso"]
+    assert list(table) == ["x", "y", "z", "geodesic"]
+    assert table["geodesic"]["rmse_deg"] == pytest.approx(3.0)
+    assert (table["geodesic"]["samples"], table["geodesic"]["coverage"]) == (30, 1.0)
+    true = Rotation.from_euler("XY", position)
+    difference = np.degrees((true * turn).as_rotvec() - true.as_rotvec())[10:]
+    for column, name in enumerate("xyz"):
+        assert table[name]["rmse_deg"] == pytest.approx(np.sqrt(np.mean(difference[:, column] ** 2)))
+        assert table[name]["bias_deg"] == pytest.approx(difference[:, column].mean())
+    exact = errors(with_torso(position, Rotation.identity()), JOINTS, truth, chain=CHAIN)["torso"]
+    assert exact["geodesic"]["max_abs_deg"] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_additive_torso_errors_are_sums_of_angles() -> None:
+    chain = TorsoChain("base", JOINTS, ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), composed=False)
+    position = np.full((5, 2), 0.2)
+    estimates = series(at(5), position)
+    estimates.torso = np.tile([0.5, 0.0, 0.0], (5, 1))
+    estimates.torso_orientation = Rotation.from_rotvec(estimates.torso).as_quat()
+    table = errors(estimates, JOINTS, truth_of(at(5), *position.T), chain=chain)["torso"]
+    assert table["x"]["bias_deg"] == pytest.approx(math.degrees(0.1))
+    assert table["geodesic"]["rmse_deg"] == pytest.approx(math.degrees(0.1))
+
+
+def test_the_torso_needs_the_truth_and_an_estimate_of_every_joint() -> None:
+    position = np.zeros((20, 2))
+    status = np.zeros((20, 2), dtype=np.int64)
+    status[:5, 1] = int(Status.STALE)
+    second = np.where(np.arange(20) < 8, math.nan, 0.0)
+    table = errors(
+        with_torso(position, Rotation.identity(), status), JOINTS, truth_of(at(20), np.zeros(20), second), chain=CHAIN
+    )["torso"]
+    assert (table["x"]["samples"], table["x"]["coverage"]) == (12, 1.0)
+    table = errors(
+        with_torso(position, Rotation.identity(), status), JOINTS, truth_of(at(20), *position.T), chain=CHAIN
+    )["torso"]
+    assert (table["x"]["samples"], table["x"]["coverage"]) == (15, 0.75)
+    assert errors(series(at(20), position), JOINTS, truth_of(at(20), *position.T), chain=CHAIN)["torso"] == {}
+    one = with_torso(position, Rotation.identity())
+    assert errors(one, JOINTS, truth_of(at(20), np.zeros(20)), chain=CHAIN)["torso"] == {}
 
 
 # -------------------------------------------------------------------- inclination

@@ -40,6 +40,7 @@ _HIDDEN = Status.STARTING | Status.STALE
 _numbers = itertools.count()
 
 Message = tuple[str, bytes]  # topic, CDR bytes
+Report = dict[str, DiagnosticStatus]  # what is reported on -> status
 
 
 def queue(reliability: ReliabilityPolicy = ReliabilityPolicy.BEST_EFFORT) -> QoSProfile:
@@ -75,6 +76,7 @@ class Bench:
         """Put a node into the executor."""
         self.nodes.append(node)
         self.executor.add_node(node)
+        self.executor.spin_once(timeout_sec=0.0)  # the EventsExecutor does not look at what came before its first spin
         return node
 
     def remove(self, node: Node) -> None:
@@ -195,16 +197,32 @@ class Diagnoses:
     """The reports of one node."""
 
     def __init__(self, bench: Bench, arrays: list[DiagnosticArray], node: str) -> None:
-        self._bench, self._arrays, self._node = bench, arrays, node
+        self._bench, self._arrays, self._node, self._seen = bench, arrays, node, 0
 
-    def next(self) -> dict[str, DiagnosticStatus]:
-        """The next report: what is reported on -> status."""
-        count = len(self._mine())
-        self._bench.until(lambda: len(self._mine()) > count, f"diagnostics of {self._node}")
-        return {status.name.removeprefix(f"{self._node}: "): status for status in self._mine()[-1].status}
+    def next(self) -> Report:
+        """The next report from now on."""
+        self._seen = len(self._mine())
+        return self.until(lambda report: True)
 
-    def _mine(self) -> list[DiagnosticArray]:
-        return [array for array in self._arrays if array.status and array.status[0].hardware_id == self._node]
+    def until(self, wanted: Callable[[Report], bool]) -> Report:
+        """The first report as wanted after the one that was last returned."""
+
+        found: list[Report] = []
+
+        def look() -> bool:
+            for report in self._mine()[self._seen :]:
+                self._seen += 1
+                if wanted(report):
+                    found.append(report)
+                    break
+            return bool(found)
+
+        self._bench.until(look, f"diagnostics of {self._node}")
+        return found[0]
+
+    def _mine(self) -> list[Report]:
+        mine = [array for array in self._arrays if array.status and array.status[0].hardware_id == self._node]
+        return [{status.name.removeprefix(f"{self._node}: "): status for status in array.status} for array in mine]
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:

@@ -19,10 +19,11 @@ MAY_IMPORT = {
     "core": {"core"},
     "sim": {"core", "sim"},
     "evaluation": BASE,
+    "reproduction": BASE | {"reproduction"},
     "config": BASE | {"config"},
     "bags": BASE | {"bags"},
     "nodes": BASE | {"config", "bags", "nodes"},
-    "cli": BASE | {"config", "bags", "nodes", "cli"},
+    "cli": BASE | {"config", "bags", "nodes", "reproduction", "cli"},
 }
 ROS = re.compile(r"(rclpy|rpyutils|rosidl_\w+|\w+_(msgs|srvs|interfaces))$")
 

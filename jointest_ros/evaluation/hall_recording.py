@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.hall_sensor import HallSensor, SplineCurve
 from jointest_ros.evaluation.hall_calibration import HallFit
 
 _LONGEST_HOLE = 0.1  # s, between samples of the reference that are interpolated over
@@ -34,33 +34,23 @@ def reference_at(stamps: NDArray[np.int64], reference_stamps: NDArray[np.int64],
     return np.where(inside, values[after - 1] + share * (values[after] - values[after - 1]), np.nan)
 
 
-def _speed(time: FloatArray, angle: FloatArray) -> float:
-    """Root mean square of the rate, rad/s, over steps in which an encoder's digits are small."""
-    even = np.arange(time[0], time[-1], _STEP)
-    return float(np.sqrt(np.mean((np.diff(np.interp(even, time, angle)) / _STEP) ** 2))) if len(even) > 1 else 0.0
-
-
-def _sweeps(angle: FloatArray) -> int:
-    """How often the angle went from the lowest quarter of its range to the highest one, or back."""
-    middle, quarter = 0.5 * (angle.min() + angle.max()), 0.25 * np.ptp(angle)
-    ends = np.sign(angle - middle)[abs(angle - middle) > quarter]
-    return int(np.count_nonzero(np.diff(ends)))
-
-
-def advice(fit: HallFit, time: FloatArray, reference: FloatArray, limits: tuple[float, float] | None) -> Iterator[str]:
+def advice(
+    fit: HallFit, time: FloatArray, reference: FloatArray, configured: HallSensor, limits: tuple[float, float] | None
+) -> Iterator[str]:
     """What makes a fit doubtful, one line each.
 
     Args:
-        time, reference: (N,) s and rad, as given to `fit_hall`.
-        limits: of the joint, rad, where they are known.
+        time, reference, configured: (N,) s, (N,) rad and the sensor that were given to `fit_hall`.
+        limits: of the joint, rad, where they are known; the range of the configured curve stands for them.
     """
     low, high = np.degrees(fit.covered)
-    wanted_low, wanted_high = np.degrees(_range(replace(fit.sensor, noise=fit.scatter), limits))
+    wanted_low, wanted_high = np.degrees(_visible(fit, limits or _range(configured)))
     missing = _MISSING * (wanted_high - wanted_low)
     if low > wanted_low + missing or high < wanted_high - missing:
         yield (
             f"covers {low:.1f} to {high:.1f} deg of {wanted_low:.1f} to {wanted_high:.1f} deg; "
             "beyond it the curve is extrapolated: move the joint further"
+            + ("" if limits else ", or give its limits_deg if it cannot go there")
         )
     if fit.used.sum() < _ENOUGH:
         yield f"only {fit.used.sum()} usable readings; record at least {_ENOUGH}"
@@ -80,13 +70,34 @@ def advice(fit: HallFit, time: FloatArray, reference: FloatArray, limits: tuple[
         )
 
 
-def _range(sensor: HallSensor, limits: tuple[float, float] | None) -> tuple[float, float]:
-    """Joint angles, rad, that a recording should cover: what the sensor can see of the joint's range."""
+def _speed(time: FloatArray, angle: FloatArray) -> float:
+    """Root mean square of the rate, rad/s, over steps in which an encoder's digits are small."""
+    even = np.arange(time[0], time[-1], _STEP)
+    return float(np.sqrt(np.mean((np.diff(np.interp(even, time, angle)) / _STEP) ** 2))) if len(even) > 1 else 0.0
+
+
+def _sweeps(angle: FloatArray) -> int:
+    """How often the angle went from the lowest quarter of its range to the highest one, or back."""
+    middle, quarter = 0.5 * (angle.min() + angle.max()), 0.25 * np.ptp(angle)
+    ends = np.sign(angle - middle)[abs(angle - middle) > quarter]
+    return int(np.count_nonzero(np.diff(ends)))
+
+
+def _range(sensor: HallSensor) -> tuple[float, float]:
+    """Joint angles, rad, that the curve of a sensor is made for."""
+    volts = np.linspace(*sensor.hall_range, 1000)
+    if isinstance(sensor.curve, SplineCurve):
+        volts = sensor.offset + np.array(sensor.curve.volts)
+    elif (sharp := abs(sensor.slope(volts)) < _FLAT).any():
+        volts = volts[sharp]
+    low, high = sorted(sensor.angle(volts[[0, -1]]).tolist())
+    return low, high
+
+
+def _visible(fit: HallFit, limits: tuple[float, float]) -> tuple[float, float]:
+    """The part of `limits`, rad, in which the fitted sensor is off its rails."""
+    sensor = replace(fit.sensor, noise=fit.scatter)
     margin = sensor.gate_margin + 3.0 * sensor.noise
-    volts = np.linspace(sensor.hall_range[0] + margin, sensor.hall_range[1] - margin, 1000)
-    if limits is None:
-        steep = abs(sensor.slope(volts)) < _FLAT
-        volts = volts[steep] if steep.any() else volts
-        limits = -math.pi, math.pi
-    seen = sensor.angle(volts).clip(*limits)
-    return float(seen.min()), float(seen.max())
+    ends = np.array([sensor.hall_range[0] + margin, sensor.hall_range[1] - margin])
+    low, high = sorted(sensor.angle(ends).clip(*limits).tolist())
+    return low, high

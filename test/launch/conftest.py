@@ -1,0 +1,30 @@
+"""Executables as a user starts them; without ROS there are none."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+from collections.abc import Callable, Iterator
+
+import pytest
+from processes import Process, start
+
+if importlib.util.find_spec("rclpy") is None:
+    collect_ignore_glob = ["test_*.py"]
+
+
+@pytest.fixture
+def launch() -> Iterator[Callable[..., Process]]:
+    """`processes.start`; what was started does not outlive the test."""
+    started: list[Process] = []
+
+    def begin(name: str, *arguments: str) -> Process:
+        started.append(start(name, *arguments))
+        return started[-1]
+
+    yield begin
+    for process in started:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()

@@ -1,0 +1,60 @@
+"""The executables as processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[2]
+TIMEOUT = 30.0  # s
+
+Process = subprocess.Popen[str]
+Completed = subprocess.CompletedProcess[str]
+
+
+def _command(name: str, module: str) -> list[str]:
+    """What `ros2 run jointest_ros <name>` starts where the package is installed, the same by Python where it is not."""
+    installed = Path(sys.prefix, "lib", "jointest_ros", name)
+    if installed.exists():
+        return [str(installed)]
+    return [sys.executable, "-c", f"import sys; from {module} import main; sys.exit(main())"]
+
+
+_COMMANDS = {
+    "jointest": _command("jointest", "jointest_ros.cli.main"),
+    "pcf_node": _command("pcf_node", "jointest_ros.nodes.pcf_node"),
+    "sim_hardware_node": _command("sim_hardware_node", "jointest_ros.nodes.sim_hardware_node"),
+}
+
+
+def start(name: str, *arguments: str) -> Process:
+    """Start an executable without a terminal, in a process group of its own."""
+    path = os.pathsep.join(filter(None, [str(PROJECT), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.Popen(
+        [*_COMMANDS[name], *arguments],
+        env={**os.environ, "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finish(process: Process) -> Completed:
+    """Wait for its end; it does not outlive the wait."""
+    try:
+        out, err = process.communicate(timeout=TIMEOUT)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+    return Completed(process.args, process.returncode, out, err)
+
+
+def run(name: str, *arguments: str) -> Completed:
+    """Start an executable and wait for its end."""
+    return finish(start(name, *arguments))
