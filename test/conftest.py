@@ -9,8 +9,8 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parent.parent
 
-# For every test and the processes that it starts, before any ROS context is made: ROS stays on this host, in a domain of
-# this process alone. Domains up to 101 have ports that no system takes for itself.
+# For every test and the processes that it starts, before any ROS context is made: ROS stays on this host, in a domain
+# of this process alone. Domains up to 101 have ports that no system takes for itself.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 101 + 1)
 

@@ -22,8 +22,8 @@ from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.evaluation import hall_plot, plots
 from jointest_ros.evaluation.hall_calibration import CURVES, fit_hall
-from jointest_ros.evaluation.hall_recording import advice, reference_at
 from jointest_ros.evaluation.hall_plot import FittedSensor
+from jointest_ros.evaluation.hall_recording import advice, reference_at
 
 
 def add_parser(commands: Parsers[Any]) -> None:

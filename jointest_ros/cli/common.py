@@ -29,8 +29,11 @@ class OutputError(JointestError):
 @contextmanager
 def progress(description: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error, where that is a terminal; gone when done. Call with (done, total)."""
+    if not err.is_terminal:  # rich would leave an empty line there
+        yield lambda done, total: None
+        return
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+    with Progress(*columns, console=err, transient=True) as bar:
         task = bar.add_task(description, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 

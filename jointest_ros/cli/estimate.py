@@ -104,7 +104,7 @@ def _values(estimate: Estimate) -> Iterator[float]:
     for q, v, variance, status in zip(
         estimate.position, estimate.velocity, estimate.variance, estimate.status, strict=True
     ):
-        yield from (q, v, variance**0.5, status)
+        yield from (q, v, variance**0.5, int(status))  # Python 3.10 would write the names of the flags
 
 
 @contextmanager

@@ -9,7 +9,8 @@ The policy, in sensor time (see also docs/conventions.md):
 - A repeated or older stamp, a non-finite or implausible value in a field in use are refused and counted by cause.
 - A stamp that is off by more than `max_gap` forward or `reset_jump` back is held until a second sample confirms it;
   without confirmation it is refused. Confirmed: up to `reset_jump` it was a gap, beyond it the next frame says `reset`.
-- Hall messages have no stamp: a frame takes the one that arrived within `sync_tolerance` of its own first sample.
+- Hall messages have no stamp: a frame takes the one that arrived within `sync_tolerance` of its own first sample; once
+  they regularly come after that sample, the one that comes before the next frame begins.
   Without one in time it goes out without, and what is left unpaired is dropped, so that a late or lost message never
   shifts the later ones.
 """
@@ -32,6 +33,7 @@ IMPLAUSIBLE_MAG = 1.0  # tesla
 _MIN_WAIT = 20_000_000  # ns
 _FIRST_TOLERANCE = 400_000  # ns, while the period is unknown: less than half a period at 1 kHz
 _FIRST_HALL_TOLERANCE = 20_000_000  # ns, of arrival: a node that starts is slow at first
+_STARTED = 25  # frames
 _GONE = 10  # periods after which a silent sensor says nothing about the period of the stream
 
 
@@ -40,6 +42,7 @@ class _Pending:
     frame: Frame
     arrival: int
     missing: set[str]
+    hall_added: int  # Hall messages that had come before it
     awaited: str = ""  # the one of the missing that was last found to be still to come
 
     def __lt__(self, other: _Pending) -> bool:
@@ -214,7 +217,7 @@ class FrameAssembler:
         else:
             joined = False
             frame = Frame(stamp)
-            pending = _Pending(frame, arrival, set(self._expected))
+            pending = _Pending(frame, arrival, set(self._expected), self._hall.added)
             insort(self._pending, pending)
         uses_gyro, uses_accel, _ = self._in_use[sensor]
         if uses_gyro:
@@ -231,7 +234,7 @@ class FrameAssembler:
             pending = self._pending[0]
             if pending.missing and self._may_come(pending):
                 break
-            hall = self._hall.take(pending.arrival, self._hall_tolerance)
+            hall = self._hall.take(pending.arrival, self._hall_tolerance, pending.hall_added)
             if hall is None and self._hall_may_come(pending):
                 break
             del self._pending[0]
@@ -256,13 +259,19 @@ class FrameAssembler:
             return True
         return False
 
+    @property
+    def _hall_tolerance(self) -> int:
+        return self._tolerance if self.frames >= _STARTED else _FIRST_HALL_TOLERANCE
+
     def _hall_may_come(self, pending: _Pending) -> bool:
         if not self._hall.awaited or self._newest - pending.frame.stamp > self._wait:
             return False
+        if self._hall.follows:
+            return len(self._pending) == 1
         return self._arrival <= pending.arrival + self._hall_tolerance
 
     def _emit_all(self) -> list[Frame]:
-        frames = [self._emit(one, self._hall.take(one.arrival, self._hall_tolerance)) for one in self._pending]
+        frames = [self._emit(one, self._hall.take(one.arrival, self._hall_tolerance, one.hall_added)) for one in self._pending]
         self._pending.clear()
         return frames
 
@@ -295,6 +304,5 @@ class FrameAssembler:
             self._period = min(present)
         given, half = round(self.timing.sync_tolerance * 1e9), self._period // 2 or _FIRST_TOLERANCE
         self._tolerance = min(given, half) if given else half
-        self._hall_tolerance = self._tolerance if self._period else _FIRST_HALL_TOLERANCE
         self._wait = round(self.timing.max_wait * 1e9) or max(3 * self._period, _MIN_WAIT)
         self._farthest = max(self._max_gap, 3 * self._period)

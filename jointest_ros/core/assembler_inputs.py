@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
+from statistics import median
 
 NEVER = -(1 << 62)  # ns, before every stamp
 _INTERVALS = 31  # intervals behind one estimate of the period
 _FIRST_INTERVALS = 5
+_REGULAR = 20  # frames in a row
 _IMPLAUSIBLE_VOLTAGE = 1e3  # V
 
 
@@ -31,8 +33,9 @@ class Source:
         self.last = stamp
         if len(intervals) < (_INTERVALS if self.period else _FIRST_INTERVALS):
             return False
-        # The lower quartile: lost samples make intervals longer, nothing makes many of them shorter.
-        self.period = sorted(intervals)[len(intervals) // 4]
+        # Lost samples make intervals of two periods and more: the median of those that are near the shorter ones.
+        shorter = sorted(intervals)[len(intervals) // 4]
+        self.period = round(median([one for one in intervals if one < 1.5 * shorter]))
         intervals.clear()
         return True
 
@@ -44,11 +47,14 @@ class HallQueue:
         width: voltages in a message; 0 where the robot has no Hall sensors.
         per_frame: every frame takes the message that arrived within a tolerance of its own first sample, and waits for
             it. Without it the newest message is used, once.
+        added: messages that came so far.
     """
 
     def __init__(self, width: int, per_frame: bool) -> None:
         self.width, self.per_frame = width, per_frame
         self.source = Source()
+        self.added = 0
+        self._after = 0  # frames in a row whose message came after their first sample
         self._waiting: deque[tuple[int, tuple[float, ...]]] = deque()
 
     def add(self, voltages: tuple[float, ...], arrival: int, oldest: int) -> bool:
@@ -63,19 +69,29 @@ class HallQueue:
             return False
         self.drop_before(oldest if self.per_frame else None)
         self._waiting.append((arrival, voltages))
+        self.added += 1
         return True
 
-    def take(self, arrival: int, tolerance: int) -> tuple[float, ...] | None:
-        """The message for a frame whose first sample arrived at `arrival`; those too old for it are dropped."""
+    @property
+    def follows(self) -> bool:
+        """Messages regularly come after the first sample of their frame.
+
+        Then that order tells of which frame one is, until the next frame begins, however late a busy machine takes it.
+        """
+        return self._after >= _REGULAR
+
+    def take(self, arrival: int, tolerance: int, added: int) -> tuple[float, ...] | None:
+        """The message for a frame whose first sample came at `arrival`, after `added` messages; too old ones go."""
         waiting = self._waiting
         if self.per_frame:
             self.drop_before(arrival - tolerance)
             while len(waiting) > 1 and abs(waiting[1][0] - arrival) <= abs(waiting[0][0] - arrival):
                 self._drop()  # the next one is nearer
-            if waiting and waiting[0][0] > arrival + tolerance:
+            if waiting and waiting[0][0] > arrival + tolerance and not self.follows:
                 return None
         if not waiting:
             return None
+        self._after = self._after + 1 if self.added - len(waiting) >= added else 0
         self.source.used += 1
         return waiting.popleft()[1]
 

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.hall_sensor import Curve, ExponentialCurve, HallSensor, SplineCurve, VoltageTable
+from jointest_ros.core.hall_sensor import Curve, ExponentialCurve, HallSensor, SplineCurve
 
 CURVES = ("exponential", "spline")
 _FEWEST = 20  # readings for a fit
@@ -45,6 +45,9 @@ _PLAY = math.radians(1.0)  # a reversal counts as such after so much of motion
 _KNOTS = 10
 _GRID = 101
 _LEAST_NOISE = 1e-6  # V
+_STEP = 5e-3  # V
+_LEAST_SLOPE = 1e-3  # rad/V
+_ABOVE = 1.0  # V above the range, for angles that the joint reaches after the sensor is at its rail
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,10 @@ def fit_hall(
         residual[known] = data.volts - _expected(solution.curve, data.angles, sensor)
         near = used & (abs(residual) < _FAR_OUT * 1.4826 * np.median(abs(residual[used])))
         noise = math.sqrt(max(_rms(residual[near]) ** 2 - sensor.resolution**2 / 12.0, _LEAST_NOISE**2))
-        fitted = replace(sensor, curve=solution.curve, offset=0.0, noise=noise)
+        try:
+            fitted = replace(sensor, curve=solution.curve, offset=0.0, noise=noise)
+        except ConfigurationError:  # noise as wide as the sensor's range
+            raise _scattered(noise) from None
         seen = sensor.sign * data.seen(solution.delays, np.flatnonzero(solution.used))
         covered = float(seen.min()), float(seen.max())
         low, high = sorted(fitted.voltage(np.array(covered)).tolist())
@@ -262,7 +268,7 @@ def _solve(family: _Family, data: _Data, used: NDArray[np.bool_], delays: FloatA
         keep_off = 2.0 * data.sensor.resolution + _KEEP_OFF * sigma
         chosen = (expected > low + keep_off) & (expected < high - keep_off) & data.sensor.usable(data.volts)
         if chosen.sum() < _FEWEST:
-            raise CalibrationError(f"the readings scatter by {sigma:.3g} V about any curve; are they of this joint?")
+            raise _scattered(sigma)
         if (chosen == used).all() and abs(sigma - before) < 0.05 * sigma:
             break
         used = chosen
@@ -270,8 +276,15 @@ def _solve(family: _Family, data: _Data, used: NDArray[np.bool_], delays: FloatA
 
 
 def _expected(curve: Curve, angles: FloatArray, sensor: HallSensor) -> FloatArray:
-    """Readings (n,), V, at sensor angles theta_h (n,), rad."""
-    return VoltageTable(curve, *sensor.hall_range).voltages(angles)[0]
+    """Readings (n,), V, at sensor angles theta_h (n,), rad: between grid points, then a Newton step (to 1e-7 V)."""
+    low, high = sensor.hall_range
+    grid = np.arange(low, high + _ABOVE, _STEP)
+    rough = np.interp(angles, curve.angle(grid), grid)
+    return rough + (angles - curve.angle(rough)) / np.maximum(curve.slope(rough), _LEAST_SLOPE)
+
+
+def _scattered(volts: float) -> CalibrationError:
+    return CalibrationError(f"the readings scatter by {volts:.3g} V about any curve; are they of this joint?")
 
 
 def _rms(values: FloatArray) -> float:

@@ -30,7 +30,7 @@ from jointest_ros.evaluation.metrics import errors
 from jointest_ros.evaluation.truth import Truth
 from jointest_ros.nodes.estimator_node import EstimatorNode
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode
-from jointest_ros.nodes.spin import make_executor
+from jointest_ros.nodes.spin import caught_signals, make_executor
 
 NAMESPACE = f"/jointest_demo_{os.getpid()}"  # two demos on one host do not hear each other
 _REFRESH = 0.2  # s
@@ -124,12 +124,21 @@ class Demo:
         self._stack.close()
 
     def play(self, console: Console) -> None:
-        """Play the recording to its end, with a live table (a line every two seconds where there is no terminal)."""
+        """Play the recording to its end, with a live table (a line every two seconds where there is no terminal).
+
+        Raises:
+            KeyboardInterrupt: after a SIGINT or SIGTERM.
+        """
         ends = math.inf
         shown = time.monotonic()
-        with Live(self._table(), console=console, auto_refresh=False, transient=True) as live:
+        with (
+            caught_signals() as signals,
+            Live(self._table(), console=console, auto_refresh=False, transient=True) as live,
+        ):
             while time.monotonic() < ends:
                 self._executor.spin_once(timeout_sec=0.05)
+                if signals:
+                    raise KeyboardInterrupt
                 now = time.monotonic()
                 if self._hardware.finished and ends == math.inf:
                     ends = now + _SETTLE

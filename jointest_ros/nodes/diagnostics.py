@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from jointest_ros.bags.intake import Intake
 from jointest_ros.core.frame import Estimate, Status
+from jointest_ros.nodes.arrival import arrivals
 
 PERIOD = 1.0  # s
 _WARN_AGAIN = 5.0  # s between warnings about the same topic
@@ -66,6 +67,7 @@ class Diagnostics:
         self._publisher.publish(array)
         self._reported = self.estimate
         self._log_silence(silent)
+        arrivals.done()
 
     def _input(self, topic: str) -> DiagnosticStatus:
         one, counts = self._inputs[topic], self._intake.counts(topic)

@@ -25,12 +25,12 @@ from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import Estimate, Frame
-from jointest_ros.core.params import param
+from jointest_ros.core.params import Params, param
+from jointest_ros.nodes import spin
+from jointest_ros.nodes.arrival import arrivals
 from jointest_ros.nodes.diagnostics import Diagnostics
 from jointest_ros.nodes.messages import CLASSES, labelled_array
-from jointest_ros.nodes import spin
 from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
-
 
 _NO_DATA = 1.0  # s without frames after which there is nothing to calibrate from
 
@@ -124,9 +124,9 @@ class EstimatorNode(Node):
     # ------------------------------------------------------------- data
 
     def _receive(self, handler: Handler, data: bytes) -> None:
-        """The arrival, by which Hall messages are paired, is now: the EventsExecutor cannot tell when it was sent."""
-        for frame in handler(data, time.monotonic_ns()):
+        for frame in handler(data, arrivals.now()):
             self._estimate(frame)
+        arrivals.done()
 
     def _estimate(self, frame: Frame) -> None:
         estimate = self.estimator.update(frame)
@@ -177,10 +177,8 @@ class EstimatorNode(Node):
 
 def run(estimator: str, text: str, args: list[str] | None) -> int:
     """Body of the executables; `text` is what `--help` says first. Returns the exit code."""
-    sections = {
-        "parameters": NodeParams,
-        f"parameters of the estimator; those in section estimators.{estimator} of the configuration have its values unless given here": ESTIMATORS[
-            estimator
-        ].Params,
-    }
+    heading = (
+        f"parameters of the estimator; default: what section estimators.{estimator} of the configuration says, else"
+    )
+    sections: dict[str, type[Params]] = {"parameters": NodeParams, heading: ESTIMATORS[estimator].Params}
     return spin.main(partial(EstimatorNode, estimator), f"{estimator}_node", text, sections, args)

@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool
 from jointest_ros.bags.cdr_encode import encode_clock
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.synthetic import Message
-from jointest_ros.core.params import param
+from jointest_ros.core.params import Params, param
 from jointest_ros.nodes.messages import CLASSES
 from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
 from jointest_ros.nodes.playback import SENSORS, Playback, SimulatedPlayback, open_bag, sources
@@ -169,6 +169,6 @@ class SimHardwareNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable."""
-    sections = {"parameters": PlayParams}
+    sections: dict[str, type[Params]] = {"parameters": PlayParams}
     sections |= {f"parameters with source:={rig.name}": rig.options for rig in SCENARIOS.values()}
     return run(SimHardwareNode, "sim_hardware_node", __doc__, sections, args)

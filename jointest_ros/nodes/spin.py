@@ -6,12 +6,13 @@ import dataclasses
 import re
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.exceptions import ParameterException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -43,6 +44,21 @@ def spin(executor: Executor, until: Callable[[], bool] = lambda: False) -> None:
         pass
 
 
+@contextmanager
+def caught_signals() -> Iterator[list[int]]:
+    """SIGINT and SIGTERM as they come, who do nothing else meanwhile.
+
+    So no callback is interrupted in the middle, and none publishes after the shutdown that the handlers of rclpy do.
+    """
+    received: list[int] = []
+    before = {n: signal.signal(n, lambda number, _: received.append(number)) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def main(
     make_node: Callable[[], Node],
     name: str,
@@ -53,41 +69,40 @@ def main(
     """Body of every executable; returns its exit code.
 
     Args:
-        make_node: its parameter `executor` is obeyed; it ends the process when it has an attribute `finished` that is true.
+        make_node: its node's parameter `executor` is obeyed; the node's attribute `finished`, if any, ends the process.
         name: of the executable.
         text: what `--help` says before the parameters.
         sections: heading -> parameters, for `--help`.
         args: command line without the program's name.
     """
-    # Ours raise nothing and leave ROS alone, so that no callback is interrupted and none publishes after a shutdown.
-    signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: signals.append(received))
-    try:
-        args = sys.argv[1:] if args is None else args
-        _init(args)
-        others = remove_ros_args(args)
-        if {"-h", "--help"} & set(others):
-            print(_usage(name, text, sections))
-            return 0
-        if others:
-            raise ConfigurationError(f"unknown argument '{others[0]}'; parameters are given as --ros-args -p NAME:=VALUE")
-        _run(make_node(), until=lambda: bool(signals))
-    except (JointestError, ParameterException) as error:  # the latter: use_sim_time with a wrong type
-        print(f"{name}: error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    finally:
-        rclpy.try_shutdown()
+    with caught_signals() as signals:
+        try:
+            args = sys.argv[1:] if args is None else args
+            _init(args)
+            others = remove_ros_args(args)
+            if {"-h", "--help"} & set(others):
+                print(_usage(name, text, sections))
+                return 0
+            if others:
+                advice = "parameters are given as --ros-args -p NAME:=VALUE"
+                raise ConfigurationError(f"unknown argument '{others[0]}'; {advice}")
+            _run(make_node(), until=lambda: bool(signals))
+        except (JointestError, ParameterException) as error:  # the latter: use_sim_time with a wrong type
+            print(f"{name}: error: {error}", file=sys.stderr)
+            return BAD_INPUT
+        finally:
+            rclpy.try_shutdown()
     return 0
 
 
 def _init(args: list[str]) -> None:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # RCLError, UnknownROSArgsError
+    except RuntimeError as error:
         text = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())  # without the lines of its source
-        text = text.removeprefix("failed to initialize rcl: ")
-        raise ConfigurationError(f"not understood after --ros-args: {text}") from None
+        if type(error).__name__ == "UnknownROSArgsError":
+            text = f"unknown arguments {text}"
+        raise ConfigurationError(f"ROS cannot start: {text.removeprefix('failed to initialize rcl: ')}") from None
 
 
 def _run(node: Node, until: Callable[[], bool]) -> None:
@@ -101,10 +116,17 @@ def _run(node: Node, until: Callable[[], bool]) -> None:
 
 
 def _usage(name: str, text: str, sections: Mapping[str, type[Params]]) -> str:
-    lines = [f"usage: {name} --ros-args [-p NAME:=VALUE]... [-r __ns:=/NAMESPACE] [--params-file FILE]", "", text.strip()]
+    lines = [
+        f"usage: {name} --ros-args [-p NAME:=VALUE]... [-r __ns:=/NAMESPACE] [--params-file FILE]",
+        "",
+        text.strip(),
+    ]
     for heading, kind in sections.items():
         lines += ["", f"{heading}:"]
         for spec in dataclasses.fields(kind):
             default = str(spec.default).lower() if isinstance(spec.default, bool) else repr(spec.default)
-            lines += [f"  {spec.name}: {allowed_text(spec)}; default {default}", f"      {spec.metadata['description']}"]
+            lines += [
+                f"  {spec.name}: {allowed_text(spec)}; default {default}",
+                f"      {spec.metadata['description']}",
+            ]
     return "\n".join(lines)

@@ -160,7 +160,7 @@ def test_big_endian_messages_give_the_same_frames() -> None:
     big = feed(
         intake, *((topic, stamp(k // 4), big_endian(data, kind)) for k, (topic, kind, data) in enumerate(messages))
     )
-    assert little == big
+    assert repr(little) == repr(big)  # periods that are NaN are equal too
     assert len(big) == 10
     assert all(frame.mag and frame.hall for frame in big)
     assert all(intake.counts(topic)["used"] == 10 for topic in intake.topics)

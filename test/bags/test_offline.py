@@ -325,5 +325,5 @@ def test_memory_does_not_grow_with_the_recording(write: Callable[..., Path]) -> 
         finally:
             tracemalloc.stop()
 
-    short, long = peak(6_000), peak(24_000)
+    short, long = peak(4_500), peak(13_500)
     assert long < 1.2 * short

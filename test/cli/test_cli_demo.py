@@ -63,7 +63,7 @@ def test_configurations_and_estimators_that_are_none(
 
 @pytest.fixture
 def refused(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """A function that expects a refusal where ROS 2 is at hand: its executor wants a standard error with a file number."""
+    """A function that expects a refusal where ROS 2 is at hand, whose executor wants a real standard error."""
     pytest.importorskip("rclpy")
 
     def run(*arguments: object) -> str:

@@ -1,4 +1,4 @@
-"""One joint between two IMUs in any motion, for the tests of the PCF: exact samples, white noise and constant biases."""
+"""One joint between two IMUs in any motion, for tests of the PCF: exact samples, white noise and constant biases."""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import random
+import statistics
 from collections.abc import Iterable
 
 import pytest
@@ -87,6 +89,16 @@ def test_lost_samples_do_not_change_the_period() -> None:
     assembler = started()
     kept = [k * 10.0 for k in range(40, 400) if k % 3]
     assert feed(assembler, ticks("ab", kept))[-1].period == pytest.approx(0.010)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_jitter_of_the_stamps_does_not_change_the_period(share: float) -> None:
+    """+-30 % of a period, and half of the samples lost."""
+    generator = random.Random(1)
+    assembler = started()
+    stamps = [k * 10.0 + generator.uniform(-3.0, 3.0) for k in range(41, 2000) if generator.random() >= share]
+    frames = feed(assembler, ticks("ab", stamps))
+    assert statistics.median(frame.period for frame in frames[200:]) == pytest.approx(0.010, rel=0.08)
 
 
 @pytest.mark.parametrize("first", ["a", "b"])

@@ -1,4 +1,4 @@
-"""Item 1 of the specification of the PCF: for every erratum of its section 1, the printed form fails where ours does not."""
+"""Item 1 of the specification of the PCF: of every erratum of its section 1 the printed form fails, ours does not."""
 
 from __future__ import annotations
 
@@ -252,4 +252,3 @@ def test_algorithm_2_equals_the_pair_of_algorithm_1(scenario: str) -> None:
     one, two = (production(recorded, formulation, ki=0.0, still_start=0.0) for formulation in ("relative", "absolute"))
     for joint in range(3):
         assert rms_deg(one.position[:, joint], two.position[:, joint], recorded.recording.stamps) < 0.01
-

@@ -117,7 +117,7 @@ def test_relative(figures: tuple[str, dict[str, float]], mounting: str) -> None:
 
 @pytest.fixture(scope="module")
 def elevations() -> dict[float, tuple[float, FloatArray]]:
-    """Elevation of the hinge axes, deg -> error (deg rms), and reported standard deviation (deg) every 5 s from 15 s."""
+    """Elevation of the hinge axes, deg -> error (deg rms), reported standard deviation (deg) every 5 s from 15 s."""
     found = {}
     for elevation in (60.0, 75.0, 82.0, 85.0, 90.0):
         errors, reported = [], []

@@ -174,3 +174,10 @@ def test_a_sensor_that_cannot_be_fitted_is_refused(volts: FloatArray, cause: str
     with pytest.raises(CalibrationError, match=r"^[^\n]*$") as caught:
         fit_hall(TIME, volts, SWING, CONFIGURED)
     assert cause in str(caught.value)
+
+
+def test_readings_that_scatter_by_all_of_the_range_are_refused() -> None:
+    narrow = dataclasses.replace(TRUE, hall_range=(1.2, 1.5))
+    volts = read(narrow, np.interp(TIME - 0.2, TIME, 3.0 * SWING))
+    with pytest.raises(CalibrationError, match="scatter by"):
+        fit_hall(TIME, volts, 3.0 * SWING, dataclasses.replace(CONFIGURED, hall_range=(1.2, 1.5), noise=0.02))

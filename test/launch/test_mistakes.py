@@ -23,7 +23,11 @@ PARAMETERS: list[tuple[str, tuple[str, ...], str]] = [
     ("pcf_node", ("config:=nowhere.yaml",), "nowhere.yaml: no such configuration file"),
     ("pcf_node", (CONFIG, "kp:=-1"), "kp: -1 is not allowed; give 0 to 100 1/s"),
     ("pcf_node", (CONFIG, "kp:=text"), "kp: 'text' is not allowed; give 0 to 100 1/s"),
-    ("pcf_node", (CONFIG, "formulation:=foo"), "formulation: 'foo' is not allowed; give one of hinge, relative, absolute"),
+    (
+        "pcf_node",
+        (CONFIG, "formulation:=foo"),
+        "formulation: 'foo' is not allowed; give one of hinge, relative, absolute",
+    ),
     ("pcf_node", (CONFIG, "kpp:=1"), "kpp: unknown parameter; did you mean 'kp'?"),
     ("pcf_node", (CONFIG, "use_sim_time:=5"), "Trying to set parameter 'use_sim_time' to '5'"),
     ("pcf_node", ("config:={thumb}",), "joint 'base': link 'thumb' carries no sensor with gyro and accelerometer"),
@@ -34,9 +38,9 @@ PARAMETERS: list[tuple[str, tuple[str, ...], str]] = [
 ]
 ARGUMENTS: list[tuple[tuple[str, ...], str]] = [
     (("-p", "kp:=2"), "unknown argument '-p'; parameters are given as --ros-args -p NAME:=VALUE"),
-    (("--ros-args", "--what"), "not understood after --ros-args: "),
-    (("--ros-args", "-p", "kp"), "not understood after --ros-args: Couldn't parse parameter override rule: '-p kp'."),
-    (("--ros-args", "--params-file", "nowhere.yaml"), "not understood after --ros-args: Couldn't parse params file"),
+    (("--ros-args", "--what"), "ROS cannot start: unknown arguments ['--what']"),
+    (("--ros-args", "-p", "kp"), "ROS cannot start: Couldn't parse parameter override rule: '-p kp'."),
+    (("--ros-args", "--params-file", "nowhere.yaml"), "ROS cannot start: Couldn't parse params file"),
 ]
 HELP = {"pcf_node": (NodeParams, PcfParams), "sim_hardware_node": (PlayParams, FingerOptions)}
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rclpy
 from processes import TIMEOUT, Process, finish, run
@@ -17,9 +18,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from jointest_ros import config
+from jointest_ros.bags import offline
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.core.catalogue import ESTIMATORS
+from jointest_ros.core.pcf import Pcf
 
 Launch = Callable[..., Process]
 
@@ -42,6 +44,15 @@ class Listener:
         while not condition():
             assert time.monotonic() < end, f"waited in vain for {what}"
             self.executor.spin_once(timeout_sec=0.05)
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a while."""
+        end = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() >= end, "the time to pass")
+
+    def topics(self) -> list[str]:
+        """Names of all topics that are known."""
+        return [topic for topic, _ in self.node.get_topic_names_and_types()]
 
     def close(self) -> None:
         """Free everything."""
@@ -70,24 +81,24 @@ def test_hardware_and_estimator(launch: Launch, listener: Listener, finger_bag: 
     sim = launch("sim_hardware_node", "--ros-args", "-p", f"bag:={finger_bag}", "-p", "speed:=10.0")
     listener.until(lambda: sim.poll() is not None and len(listener.states) >= 1500, "the joint states")
     pcf.send_signal(signal.SIGINT)
-    for done in map(finish, (sim, pcf)):
+    for done, said in (
+        (finish(sim), "finished: 7500 messages"),
+        (finish(pcf), "pcf: finger_mcp, finger_pip, finger_dip"),
+    ):
         assert done.returncode == 0
         assert not trouble(done.stdout + done.stderr)
-        assert "finished: 7500 messages" in done.stderr or "pcf: finger_mcp" in done.stderr
+        assert said in done.stderr
 
     configuration = config.load(finger_config)
-    intake = Intake(configuration.robot, configuration.timing)
-    offline = ESTIMATORS["pcf"](configuration.robot, configuration.estimators["pcf"], configuration.timing)
+    offline_pcf = Pcf(configuration.robot, configuration.estimators["pcf"], configuration.timing)
+    sink = offline.SeriesSink({"pcf": offline_pcf})
     with BagReader(finger_bag) as reader:
-        expected = [
-            offline.update(frame)
-            for topic, _, data in reader.messages([f"/{topic}" for topic in intake.topics])
-            for frame in intake.handlers[topic.lstrip("/")](data, 0)
-        ]
-    assert len(listener.states) == len(expected) == 1500
-    for state, estimate in zip(listener.states, expected, strict=True):
-        assert state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == estimate.stamp
-        assert list(state.position) == pytest.approx(list(estimate.position), rel=0.0, abs=1e-9)
+        offline.run(reader, Intake(configuration.robot, configuration.timing), {"pcf": offline_pcf}, sink)
+    expected = sink.series("pcf")
+    stamps = [state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec for state in listener.states]
+    assert stamps == expected.stamps.tolist()
+    position = [state.position for state in listener.states]
+    np.testing.assert_allclose(position, expected.position, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -125,6 +136,17 @@ def test_demo_without_a_terminal(finger_bag: Path, finger_config: Path) -> None:
     assert f"ros2 run jointest_ros pcf_node --ros-args -p config:={finger_config}" in out
 
 
+def test_demo_is_interrupted(launch: Launch, listener: Listener) -> None:
+    demo = launch("jointest", "demo")
+    listener.until(lambda: any(topic.endswith("/pcf/joint_states") for topic in listener.topics()), "the demo")
+    listener.spin_for(1.0)  # in the middle of it, at a random place
+    demo.send_signal(signal.SIGINT)
+    done = finish(demo)
+    assert done.returncode == 130
+    assert not trouble(done.stdout + done.stderr)
+    assert done.stderr.splitlines()[-1] == "jointest demo: interrupted"
+
+
 def test_demo_with_a_configuration_that_does_not_fit(finger_bag: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.yaml"
     other.write_text(
@@ -135,4 +157,6 @@ def test_demo_with_a_configuration_that_does_not_fit(finger_bag: Path, tmp_path:
     done = run("jointest", "demo", "--bag", str(finger_bag), "--config", str(other))
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"jointest demo: error: {finger_bag}: no matching topic; the configuration wants imu/a, imu/b")
+    assert line.startswith(
+        f"jointest demo: error: {finger_bag}: no matching topic; the configuration wants imu/a, imu/b"
+    )

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from ros_bench import Bench, Message, assert_same, estimate, shown, simulated, stamp, values
+from ros_bench import Bench, values
+from without_ros import Message, assert_same, estimate, shown, simulated, stamp
 
 from jointest_ros.bags.cdr import decode_imu
 from jointest_ros.bags.cdr_encode import ImuEncoder

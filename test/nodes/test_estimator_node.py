@@ -14,8 +14,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from ros_bench import Bench, assert_same, estimate, make, simulated, stamp, values
+from ros_bench import Bench, values
 from std_msgs.msg import Float64MultiArray
+from without_ros import assert_same, estimate, make, simulated, stamp
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.pcf import PcfParams
@@ -216,7 +217,9 @@ def test_diagnostics(bench: Bench, finger_config: Path) -> None:
     bench.until(lambda: any(log.msg.startswith("no messages on ") and inputs[0][6:] in log.msg for log in logs))
 
     bench.send(node, STILL)
-    report = reports.until(lambda report: all(values(report[name]) == {"messages": "200", "used": "200"} for name in inputs))
+    report = reports.until(
+        lambda report: all(values(report[name]) == {"messages": "200", "used": "200"} for name in inputs)
+    )
     assert {status.level for status in report.values()} == {DiagnosticStatus.OK}
     assert report[inputs[0]].message.endswith(" messages/s")
     joint = values(report["joint finger_pip"])

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ros_bench import Bench, assert_same, evaluate, received, shown
+from ros_bench import Bench, received
+from without_ros import assert_same, evaluate, shown
 
 from jointest_ros.bags import synthetic
 from jointest_ros.bags.writer import BagWriter
@@ -41,9 +42,7 @@ def play_and_compare(bench: Bench, recording: Path, config: Path, **parameters: 
 
 
 @EXECUTORS
-def test_recording(
-    executor: str, make_bench: Callable[[str], Bench], finger_bag: Path, finger_config: Path
-) -> None:
+def test_recording(executor: str, make_bench: Callable[[str], Bench], finger_bag: Path, finger_config: Path) -> None:
     play_and_compare(make_bench(executor), finger_bag, finger_config, source="bag", bag=str(finger_bag), speed=15.0)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import time
 from pathlib import Path
@@ -11,10 +12,11 @@ import numpy as np
 import pytest
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
-from ros_bench import Bench, Message, queue, stamp
+from ros_bench import Bench, queue
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import SetBool
+from without_ros import Message, stamp
 
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.reader import BagReader
@@ -82,7 +84,9 @@ def test_stamps_are_of_the_model(bench: Bench) -> None:
 
 
 def test_seed(bench: Bench) -> None:
-    first, again, other = (play(bench, node_name=f"run{k}", speed=50.0, seed=s, **FINGER) for k, s in enumerate((1, 1, 2)))
+    first, again, other = (
+        play(bench, node_name=f"run{k}", speed=50.0, seed=s, **FINGER) for k, s in enumerate((1, 1, 2))
+    )
     assert again == first
     assert other["imu/palm"] != first["imu/palm"]
     assert other["ground_truth/joint_states"] == first["ground_truth/joint_states"]
@@ -120,7 +124,7 @@ def test_loop_jumps_back_and_the_estimator_recovers(bench: Bench, finger_config:
     bench.until(lambda: len(truth) > 900 and len(states) > 880, "the third round")
     assert not hardware.finished
     stamps = [stamp(state) for state in states]
-    assert sum(later < earlier for earlier, later in zip(stamps, stamps[1:], strict=False)) == 2
+    assert sum(later < earlier for earlier, later in itertools.pairwise(stamps)) == 2
     assert estimator.intake.assembler.resets == 2
     angles = {stamp(state): dict(zip(state.name, state.position, strict=True)) for state in truth}
     for state in states[-80:]:
