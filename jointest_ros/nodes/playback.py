@@ -12,6 +12,7 @@ from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, IMU, MAGNETIC_FIELD
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.nodes.messages import CLASSES
 from jointest_ros.sim.scenarios import SCENARIOS, Rig
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
 
@@ -44,7 +45,7 @@ class BagPlayback:
             chosen = {
                 topic: msgtype
                 for topic, msgtype in self._reader.topics.items()
-                if msgtype in SENSORS or _TRUTH in topic
+                if msgtype in SENSORS or (_TRUTH in topic and msgtype in CLASSES)
             }
             if not any(msgtype in SENSORS for msgtype in chosen.values()):
                 raise BagError(f"{path}: no sensor topics to play; it has: {', '.join(self._reader.topics)}")
