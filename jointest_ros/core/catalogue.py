@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from jointest_ros.core.estimator import Estimator
-from jointest_ros.core.gyro import Gyro
-from jointest_ros.core.hall import Hall
-from jointest_ros.core.kckf import Kckf
-from jointest_ros.core.kf import Kf
+from jointest_ros.core.kckf.gyro import Gyro
+from jointest_ros.core.kckf.hall import Hall
+from jointest_ros.core.kckf.kckf import Kckf
+from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.core.pcf import Pcf
 
 ESTIMATORS: dict[str, type[Estimator]] = {estimator.name: estimator for estimator in (Pcf, Gyro, Hall, Kf, Kckf)}

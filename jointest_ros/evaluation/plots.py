@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jointest_ros.core.errors import JointestError
@@ -110,6 +109,8 @@ def draw(path: Path, title: str, shown: list[Panel]) -> None:
     check_suffix(path)
     if not shown:
         raise PlotError(f"{path}: nothing to draw: no estimate matches a ground truth")
+    from matplotlib.figure import Figure  # takes longer to load than many a command to run
+
     columns = -(-len(shown) // _ROWS)
     rows = -(-len(shown) // columns)
     names = list(dict.fromkeys(name for panel in shown for name in panel.curves))

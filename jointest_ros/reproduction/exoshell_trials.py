@@ -11,11 +11,11 @@ import numpy as np
 
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import FloatArray, Recording
-from jointest_ros.core.fusion import FusionParams
-from jointest_ros.core.gyro import Gyro, GyroParams
-from jointest_ros.core.hall import Hall, HallParams
-from jointest_ros.core.kckf import PAPER, Kckf, KckfParams
-from jointest_ros.core.kf import Kf
+from jointest_ros.core.kckf.fusion import FusionParams
+from jointest_ros.core.kckf.gyro import Gyro, GyroParams
+from jointest_ros.core.kckf.hall import Hall, HallParams
+from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
+from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.torso import torsos_of
 from jointest_ros.reproduction.result import Cell, ReproductionError, ResultTable

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.kckf import PAPER, Kckf, KckfParams
-from jointest_ros.core.kf import Kf
+from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
+from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.reproduction.exoshell_trials import COLORS, OURS, PAPER_KCKF, PAPER_KF, STANDARD_KF
 from jointest_ros.reproduction.kckf_steady import IntegratedTorso, SettlingKckf
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable

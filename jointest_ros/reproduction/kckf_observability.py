@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.reference.kckf_paper import measurement, observability_rank, pair_rows, transition
+from jointest_ros.core.kckf.paper_reference import measurement, observability_rank, pair_rows, transition
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
 
 JOINTS = range(2, 9)

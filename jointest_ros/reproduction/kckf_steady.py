@@ -4,7 +4,7 @@ Once the covariance P stands still, the gain is K = P H^T / sigma^2 (P after the
 
     x(k) = F x(k-1) + G u(k),  F = (1 - K H) A,  G = [(1 - K H) B, K],  u = [rates, Hall angles],
 
-with x, A, B, H of the reduced filter (core/kckf_coupled.py): x = [angles, biases], A and B of (9).
+with x, A, B, H of the reduced filter (core/kckf/coupled_filter.py): x = [angles, biases], A and B of (9).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import math
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray, Recording
-from jointest_ros.core.hall_bank import HallBank
-from jointest_ros.core.kckf import Kckf
-from jointest_ros.core.kf import Kf
-from jointest_ros.core.linkage import Linkage
-from jointest_ros.core.linkage_rates import GyroDifferences
+from jointest_ros.core.kckf.hall_bank import HallBank
+from jointest_ros.core.kckf.kckf import Kckf
+from jointest_ros.core.kckf.kf import Kf
+from jointest_ros.core.kckf.linkage import Linkage
+from jointest_ros.core.kckf.linkage_rates import GyroDifferences
 from jointest_ros.core.robot import Robot
 
 STANDS_STILL = 1e-4  # largest relative change of an element of P from one stretch to the next

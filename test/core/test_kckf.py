@@ -14,10 +14,10 @@ import pytest
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Frame, Recording, Series, Status
-from jointest_ros.core.gyro import Gyro, GyroParams
-from jointest_ros.core.hall import Hall, HallParams
-from jointest_ros.core.kckf import PAPER, Kckf, KckfParams
-from jointest_ros.core.kf import Kf
+from jointest_ros.core.kckf.gyro import Gyro, GyroParams
+from jointest_ros.core.kckf.hall import Hall, HallParams
+from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
+from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.core.robot import Joint, Robot
 from jointest_ros.core.timing import Timing
 from jointest_ros.sim import exoshell

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray, Recording, Vec3
-from jointest_ros.core.gyro import Gyro
+from jointest_ros.core.kckf.gyro import Gyro
 from jointest_ros.core.hall_sensor import HallSensor
-from jointest_ros.core.kckf import PAPER, Kckf, KckfParams
-from jointest_ros.core.kckf_motion import ChainMotion
-from jointest_ros.core.kf import Kf
-from jointest_ros.core.linkage import gyro_linkage
-from jointest_ros.core.linkage_rates import ComposedRates
+from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
+from jointest_ros.core.kckf.chain_motion import ChainMotion
+from jointest_ros.core.kckf.kf import Kf
+from jointest_ros.core.kckf.linkage import gyro_linkage
+from jointest_ros.core.kckf.linkage_rates import ComposedRates
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.sim import exoshell
 from jointest_ros.sim.exoshell_motion import X, Y, Z, fixed_base, gait, walking_base

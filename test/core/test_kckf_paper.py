@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording
-from jointest_ros.core.gyro import Gyro, GyroParams
+from jointest_ros.core.kckf.gyro import Gyro, GyroParams
 from jointest_ros.core.hall_sensor import HallSensor, SplineCurve
-from jointest_ros.core.kckf import PAPER, Kckf
-from jointest_ros.core.kf import Kf
-from jointest_ros.core.reference.kckf_paper import (
+from jointest_ros.core.kckf.kckf import PAPER, Kckf
+from jointest_ros.core.kckf.kf import Kf
+from jointest_ros.core.kckf.paper_reference import (
     PaperFilter,
     input_matrix,
     measurement,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jointest_ros.core.kckf import Kckf, KckfParams
-from jointest_ros.core.kf import Kf
+from jointest_ros.core.kckf.kckf import Kckf, KckfParams
+from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.reproduction.exoshell_trials import PAPER_KF
 from jointest_ros.reproduction.kckf_drift import KCKFS
 from jointest_ros.reproduction.kckf_steady import IntegratedTorso, SettlingKckf, scan

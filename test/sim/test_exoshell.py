@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.kckf import PAPER, Kckf
+from jointest_ros.core.kckf.kckf import PAPER, Kckf
 from jointest_ros.sim import exoshell
 from jointest_ros.sim.exoshell import SCENARIOS, ExoshellOptions, ExoshellRecording, simulate, stretches
 from jointest_ros.sim.simulated import SimulationError

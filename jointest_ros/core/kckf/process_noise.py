@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.linkage import Linkage
+from jointest_ros.core.kckf.linkage import Linkage
 
 PAPER_SCALE = math.radians(1.0) ** 2
 Scalar = TypeVar("Scalar", float, FloatArray)

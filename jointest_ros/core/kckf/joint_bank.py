@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray, Vec3
-from jointest_ros.core.kckf_hinge import HingeFilter
-from jointest_ros.core.linkage import Linkage
+from jointest_ros.core.kckf.hinge_filter import HingeFilter
+from jointest_ros.core.kckf.linkage import Linkage
 
 Rates = Callable[[Sequence[Vec3], Sequence[float]], list[float]]
 

@@ -6,11 +6,11 @@ The torso has no measurement: by (8) and (10) it is the integrated difference of
 
 from __future__ import annotations
 
-from jointest_ros.core.coordinate import GapRule
-from jointest_ros.core.fusion import FusionParams, hinge_bank
-from jointest_ros.core.joint_bank import JointBank
-from jointest_ros.core.linkage import serial_linkage
-from jointest_ros.core.linkage_estimator import LinkageEstimator
+from jointest_ros.core.kckf.coordinate import GapRule
+from jointest_ros.core.kckf.fusion import FusionParams, hinge_bank
+from jointest_ros.core.kckf.joint_bank import JointBank
+from jointest_ros.core.kckf.linkage import serial_linkage
+from jointest_ros.core.kckf.linkage_estimator import LinkageEstimator
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.timing import Timing
 

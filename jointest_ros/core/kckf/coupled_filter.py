@@ -4,7 +4,7 @@ The constraint phi = sum theta_i holds exactly when phi and its bias are left ou
 correlated (see process_noise.py): this filter *is* the paper's 6n+6 filter, in 2n states for each axis.
 
 State        x = [angle (m), bias (d), offset (h or 0)]: rad; rad/s; V, slow error of each Hall sensor.
-             bias: d = m differences along the axes, or d = 3 g biases of the g gyros (see kckf_motion.py).
+             bias: d = m differences along the axes, or d = 3 g biases of the g gyros (see chain_motion.py).
 Input        rate (m), rad/s.
 Process      angle+ = angle + (rate - C bias) dt; C = 1, or the rows of the gyros; noise: see process_noise.py.
 Measurement  volts: V = V(angle) + offset + noise; or angles: theta_h(V) = angle + noise of constant variance, (20).
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.hall_bank import HallBank
-from jointest_ros.core.kckf_hinge import ITERATE_ABOVE, ITERATIONS, SETTLED
-from jointest_ros.core.process_noise import ProcessNoise, increments
+from jointest_ros.core.kckf.hall_bank import HallBank
+from jointest_ros.core.kckf.hinge_filter import ITERATE_ABOVE, ITERATIONS, SETTLED
+from jointest_ros.core.kckf.process_noise import ProcessNoise, increments
 
 _CHECK_EVERY = 64  # steps between two looks whether the covariance has settled
 _CONVERGED = 1e-13  # relative change of the covariance in one step

@@ -1,6 +1,6 @@
 """The KCKF of joints with two or three axes, and of hinges that also use the gyro components off their axis.
 
-As `kckf_coupled`, with the biases of all gyros (3 g, link frames) as states, because the bias of a relative rate turns
+As `coupled_filter`, with the biases of all gyros (3 g, link frames) as states, because the bias of a relative rate turns
 with the joint. The rates th' of linkage_rates.py, at the middle of the interval and of gyros without their biases, are
 linearised in gyros and angles (A = d th' / d th):
 
@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray, Vec3
-from jointest_ros.core.kckf_coupled import CoupledFilter
-from jointest_ros.core.linkage import Linkage
-from jointest_ros.core.linkage_rates import JointFrame, secant
+from jointest_ros.core.kckf.coupled_filter import CoupledFilter
+from jointest_ros.core.kckf.linkage import Linkage
+from jointest_ros.core.kckf.linkage_rates import JointFrame, secant
 from jointest_ros.core.rotation import norm
 
 

@@ -8,7 +8,7 @@ Torso        phi = sum of the angles (14), or the product of their rotations; wi
 
 The torso and its bias are not states: the constraint (15)-(19) makes them sums of the others, exactly. What is left is
 the noise that neighbouring joints have in common (process_noise.py). Coordinates without common noise are filtered one
-by one in plain floats (kckf_hinge.py), others together (kckf_coupled.py, kckf_motion.py).
+by one in plain floats (hinge_filter.py), others together (coupled_filter.py, chain_motion.py).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from jointest_ros.core.coordinate import GapRule
+from jointest_ros.core.kckf.coordinate import GapRule
 from jointest_ros.core.errors import ConfigurationError
-from jointest_ros.core.fusion import FusionParams, coupled_bank, hinge_bank
-from jointest_ros.core.joint_bank import JointBank
-from jointest_ros.core.kckf_motion import ChainMotion
-from jointest_ros.core.linkage import serial_linkage
-from jointest_ros.core.linkage_estimator import LinkageEstimator
+from jointest_ros.core.kckf.fusion import FusionParams, coupled_bank, hinge_bank
+from jointest_ros.core.kckf.joint_bank import JointBank
+from jointest_ros.core.kckf.chain_motion import ChainMotion
+from jointest_ros.core.kckf.linkage import serial_linkage
+from jointest_ros.core.kckf.linkage_estimator import LinkageEstimator
 from jointest_ros.core.params import param
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.timing import Timing

@@ -11,9 +11,9 @@ import numpy as np
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Recording, Series, Vec3
-from jointest_ros.core.joint_bank import JointBank
-from jointest_ros.core.linkage import Linkage
-from jointest_ros.core.linkage_rates import GyroDifferences, LinkRates
+from jointest_ros.core.kckf.joint_bank import JointBank
+from jointest_ros.core.kckf.linkage import Linkage
+from jointest_ros.core.kckf.linkage_rates import GyroDifferences, LinkRates
 from jointest_ros.core.params import Params
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.rotation import rotate

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray, Recording, Vec3
-from jointest_ros.core.linkage import Linkage
+from jointest_ros.core.kckf.linkage import Linkage
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.rotation import IDENTITY, cross, dot, perpendicular, rotate, rotate_inverse
 
