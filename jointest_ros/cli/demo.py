@@ -12,8 +12,7 @@ from jointest_ros.cli.common import Parsers, add_config, load_estimators, out
 from jointest_ros.cli.tables import error_tables, input_table
 from jointest_ros.core.errors import ConfigurationError, JointestError
 
-BAG = "bags/finger"
-CONFIG = "config/finger.yaml"
+ROBOTS = ("finger", "exoshell")  # each with bags/<name> and config/<name>.yaml
 
 
 class NoRosError(JointestError):
@@ -29,6 +28,9 @@ def add_parser(commands: Parsers[Any]) -> None:
         "process, over ROS 2. Shows the estimates live, beside the ground truth where the recording has one, and ends "
         "with the errors. Without arguments: a shipped recording of a simulated soft finger, 15 s.",
     )
+    parser.add_argument(
+        "--robot", choices=ROBOTS, default=ROBOTS[0], help="which shipped recording, without --bag (default: %(default)s)"
+    )
     parser.add_argument("--bag", type=Path, metavar="BAG", help="your own recording (with --config)")
     add_config(parser, required=False)
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="factor of real time (default: 1)")
@@ -39,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
     if (arguments.bag is None) != (arguments.config is None):
         raise ConfigurationError("--bag and --config go together: the recording, and the configuration of its robot")
-    bag = arguments.bag or resources.find(BAG)
-    path = arguments.config or resources.find(CONFIG)
+    bag = arguments.bag or resources.find(f"bags/{arguments.robot}")
+    path = arguments.config or resources.find(f"config/{arguments.robot}.yaml")
     configuration = config.load(path)
     names = list(load_estimators(configuration, arguments.estimator))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # nothing of this leaves the host
