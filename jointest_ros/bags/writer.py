@@ -56,7 +56,9 @@ class BagWriter:
         BagError: on entering: `path` exists; anywhere: it cannot be written.
     """
 
-    def __init__(self, path: Path | str, storage: StorageName = "mcap", overwrite: bool = False, compress: bool = True) -> None:
+    def __init__(
+        self, path: Path | str, storage: StorageName = "mcap", overwrite: bool = False, compress: bool = True
+    ) -> None:
         self.path = Path(path)
         self._compress = compress
         self._plugin = StoragePlugin[storage.upper()]

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from jointest_ros import calibration, config
+from jointest_ros import config
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.hall_readings import HallReadings, read_hall
 from jointest_ros.bags.offline import TRUTH_JOINTS
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.cli.common import OutputError, Parsers, complain, out, progress, warn
-from jointest_ros.config import Configuration
+from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.evaluation import hall_plot, plots

@@ -29,7 +29,10 @@ def add_parser(commands: Parsers[Any]) -> None:
         "with the errors. Without arguments: a shipped recording of a simulated soft finger, 15 s.",
     )
     parser.add_argument(
-        "--robot", choices=ROBOTS, default=ROBOTS[0], help="which shipped recording, without --bag (default: %(default)s)"
+        "--robot",
+        choices=ROBOTS,
+        default=ROBOTS[0],
+        help="which shipped recording, without --bag (default: %(default)s)",
     )
     parser.add_argument("--bag", type=Path, metavar="BAG", help="your own recording (with --config)")
     add_config(parser, required=False)

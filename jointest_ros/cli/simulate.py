@@ -12,7 +12,7 @@ from jointest_ros.bags.cdr import JOINT_STATE
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter
 from jointest_ros.cli.common import Parsers, out, progress, write_text
-from jointest_ros.config_text import robot_yaml
+from jointest_ros.config.text import robot_yaml
 from jointest_ros.core.params import allowed_text
 from jointest_ros.sim.scenarios import SCENARIOS, Rig
 from jointest_ros.sim.simulated import read_options

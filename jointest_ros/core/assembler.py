@@ -137,7 +137,8 @@ class FrameAssembler:
     def add_hall(self, voltages: tuple[float, ...], arrival: int) -> list[Frame]:
         """One Hall message, V, NaN where there is no sensor; `arrival` (bags: record time), ns, is its only time."""
         self._note_arrival(arrival)
-        return self._ready() if self._hall.add(voltages, arrival, arrival - self._hall_tolerance - self._max_gap) else []
+        oldest = arrival - self._hall_tolerance - self._max_gap
+        return self._ready() if self._hall.add(voltages, arrival, oldest) else []
 
     def flush(self) -> list[Frame]:
         """The end of the stream: emits what waits, refuses what was never confirmed or paired."""
@@ -234,7 +235,7 @@ class FrameAssembler:
             pending = self._pending[0]
             if pending.missing and self._may_come(pending):
                 break
-            hall = self._hall.take(pending.arrival, self._hall_tolerance, pending.hall_added)
+            hall = self._take_hall(0)
             if hall is None and self._hall_may_come(pending):
                 break
             del self._pending[0]
@@ -259,6 +260,11 @@ class FrameAssembler:
             return True
         return False
 
+    def _take_hall(self, index: int) -> tuple[float, ...] | None:
+        pending = self._pending[index]
+        before_next = min([later.hall_added for later in self._pending[index + 1 :]], default=None)
+        return self._hall.take(pending.arrival, self._hall_tolerance, pending.hall_added, before_next)
+
     @property
     def _hall_tolerance(self) -> int:
         return self._tolerance if self.frames >= _STARTED else _FIRST_HALL_TOLERANCE
@@ -267,11 +273,11 @@ class FrameAssembler:
         if not self._hall.awaited or self._newest - pending.frame.stamp > self._wait:
             return False
         if self._hall.follows:
-            return len(self._pending) == 1
+            return len(self._pending) == 1 and self._arrival <= pending.arrival + 2 * self._hall_tolerance
         return self._arrival <= pending.arrival + self._hall_tolerance
 
     def _emit_all(self) -> list[Frame]:
-        frames = [self._emit(one, self._hall.take(one.arrival, self._hall_tolerance, one.hall_added)) for one in self._pending]
+        frames = [self._emit(pending, self._take_hall(k)) for k, pending in enumerate(self._pending)]
         self._pending.clear()
         return frames
 

@@ -76,18 +76,24 @@ class HallQueue:
     def follows(self) -> bool:
         """Messages regularly come after the first sample of their frame.
 
-        Then that order tells of which frame one is, until the next frame begins, however late a busy machine takes it.
+        Then that order tells of which frame one is, until the next frame begins, however late a busy machine takes it;
+        but not beyond twice the tolerance, where the next frame has begun or is lost.
         """
         return self._after >= _REGULAR
 
-    def take(self, arrival: int, tolerance: int, added: int) -> tuple[float, ...] | None:
-        """The message for a frame whose first sample came at `arrival`, after `added` messages; too old ones go."""
+    def take(self, arrival: int, tolerance: int, added: int, before_next: int | None) -> tuple[float, ...] | None:
+        """The message for a frame whose first sample came at `arrival`, after `added` messages; too old ones go.
+
+        `before_next`: how many messages had come when the next frame began; None: it has not begun.
+        """
         waiting = self._waiting
         if self.per_frame:
             self.drop_before(arrival - tolerance)
             while len(waiting) > 1 and abs(waiting[1][0] - arrival) <= abs(waiting[0][0] - arrival):
                 self._drop()  # the next one is nearer
-            if waiting and waiting[0][0] > arrival + tolerance and not self.follows:
+            if self.follows and (before_next is None or self.added - len(waiting) < before_next):
+                tolerance *= 2
+            if waiting and waiting[0][0] > arrival + tolerance:
                 return None
         if not waiting:
             return None

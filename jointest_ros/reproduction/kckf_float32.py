@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.kckf.kckf import KckfParams
 from jointest_ros.core.kckf.coupled_filter import CoupledFilter
+from jointest_ros.core.kckf.kckf import KckfParams
 from jointest_ros.core.kckf.linkage import serial_linkage
 from jointest_ros.reproduction import exoshell_trials as trials
 from jointest_ros.reproduction.kckf_steady import LinkageInputs

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.errors import ConfigurationError
-from jointest_ros.core.kckf.hall_bank import HallBank
 from jointest_ros.core.hall_sensor import ExponentialCurve, HallSensor, SplineCurve
+from jointest_ros.core.kckf.hall_bank import HallBank
 from jointest_ros.core.robot import Joint, Robot
 
 SENSOR = HallSensor("knee")

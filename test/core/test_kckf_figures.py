@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording
+from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.gyro import Gyro
 from jointest_ros.core.kckf.hall import Hall, HallParams
 from jointest_ros.core.kckf.hall_bank import HallBank
 from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
-from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.core.kckf.linkage import serial_linkage
 from jointest_ros.core.kckf.process_noise import ProcessNoise

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray, Recording, Vec3
-from jointest_ros.core.kckf.gyro import Gyro
 from jointest_ros.core.hall_sensor import HallSensor
-from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
 from jointest_ros.core.kckf.chain_motion import ChainMotion
+from jointest_ros.core.kckf.gyro import Gyro
+from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
 from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.core.kckf.linkage import gyro_linkage
 from jointest_ros.core.kckf.linkage_rates import ComposedRates

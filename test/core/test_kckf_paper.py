@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording
-from jointest_ros.core.kckf.gyro import Gyro, GyroParams
 from jointest_ros.core.hall_sensor import HallSensor, SplineCurve
+from jointest_ros.core.kckf.gyro import Gyro, GyroParams
 from jointest_ros.core.kckf.kckf import PAPER, Kckf
 from jointest_ros.core.kckf.kf import Kf
 from jointest_ros.core.kckf.paper_reference import (

@@ -1,4 +1,4 @@
-"""The estimators on link gyros and Hall sensors, side by side on one stream; Hall messages that are late, lost or wrong."""
+"""The estimators on link gyros and Hall sensors, side by side on one stream; Hall messages lost, slower or wrong."""
 
 from __future__ import annotations
 

@@ -22,8 +22,9 @@ MAY_IMPORT = {
     "reproduction": BASE | {"reproduction"},
     "config": BASE | {"config"},
     "bags": BASE | {"bags"},
+    "resources": {"core"},
     "nodes": BASE | {"config", "bags", "nodes"},
-    "cli": BASE | {"config", "bags", "nodes", "reproduction", "cli"},
+    "cli": BASE | {"config", "bags", "nodes", "reproduction", "resources", "cli"},
 }
 ROS = re.compile(r"(rclpy|rpyutils|rosidl_\w+|\w+_(msgs|srvs|interfaces))$")
 

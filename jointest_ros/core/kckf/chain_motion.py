@@ -1,6 +1,6 @@
 """The KCKF of joints with two or three axes, and of hinges that also use the gyro components off their axis.
 
-As `coupled_filter`, with the biases of all gyros (3 g, link frames) as states, because the bias of a relative rate turns
+As `coupled_filter`, with the biases of all gyros (3 g, link frames) as states: the bias of a relative rate turns
 with the joint. The rates th' of linkage_rates.py, at the middle of the interval and of gyros without their biases, are
 linearised in gyros and angles (A = d th' / d th):
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from jointest_ros.core.kckf.coordinate import Coordinate, GapRule
 from jointest_ros.core.frame import FloatArray, Status, Vec3
-from jointest_ros.core.kckf.joint_bank import Rates
-from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.chain_motion import MotionFilter
+from jointest_ros.core.kckf.coordinate import Coordinate, GapRule
+from jointest_ros.core.kckf.coupled_filter import CoupledFilter
+from jointest_ros.core.kckf.joint_bank import Rates
 from jointest_ros.core.kckf.linkage import Linkage
 
 _NO_DATA = int(Status.NO_DATA)

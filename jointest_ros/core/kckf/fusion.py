@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointest_ros.core.kckf.chain_motion import ChainMotion, MotionFilter
 from jointest_ros.core.kckf.coordinate import GapRule
 from jointest_ros.core.kckf.coupled_bank import CoupledBank
-from jointest_ros.core.kckf.hall_bank import HallBank
-from jointest_ros.core.kckf.joint_bank import HingeBank
 from jointest_ros.core.kckf.coupled_filter import CoupledFilter
+from jointest_ros.core.kckf.hall_bank import HallBank
 from jointest_ros.core.kckf.hinge_filter import HingeFilter
-from jointest_ros.core.kckf.chain_motion import ChainMotion, MotionFilter
+from jointest_ros.core.kckf.joint_bank import HingeBank
 from jointest_ros.core.kckf.linkage import Linkage
 from jointest_ros.core.kckf.linkage_estimator import GAP_RATE_TEXT, KINEMATICS, KINEMATICS_TEXT
 from jointest_ros.core.kckf.linkage_rates import ComposedRates
-from jointest_ros.core.params import Params, param
 from jointest_ros.core.kckf.process_noise import ProcessNoise
+from jointest_ros.core.params import Params, param
 from jointest_ros.core.robot import Robot
 
 

@@ -10,16 +10,16 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from jointest_ros.core.kckf.coordinate import GapRule
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import Estimate, Frame, Recording, Series, Status, Vec3
-from jointest_ros.core.kckf.joint_bank import HingeBank, JointBank
+from jointest_ros.core.kckf.coordinate import GapRule
 from jointest_ros.core.kckf.hinge_filter import HingeFilter
+from jointest_ros.core.kckf.joint_bank import HingeBank, JointBank
 from jointest_ros.core.kckf.linkage import gyro_linkage
 from jointest_ros.core.kckf.linkage_estimator import GAP_RATE_TEXT, KINEMATICS, KINEMATICS_TEXT, LinkageEstimator
 from jointest_ros.core.kckf.linkage_rates import ComposedRates
-from jointest_ros.core.params import Params, param
 from jointest_ros.core.kckf.process_noise import ProcessNoise
+from jointest_ros.core.params import Params, param
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.core.timing import Timing

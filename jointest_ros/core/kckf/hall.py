@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from jointest_ros.core.kckf.coordinate import UNKNOWN
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Status, Vec3
 from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.kckf.coordinate import UNKNOWN
 from jointest_ros.core.kckf.linkage import hall_linkage
 from jointest_ros.core.kckf.linkage_estimator import GAP_RATE_TEXT, KINEMATICS, KINEMATICS_TEXT, check_voltages
 from jointest_ros.core.params import Params, param

@@ -14,9 +14,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from jointest_ros.core.kckf.coordinate import Coordinate, GapRule
 from jointest_ros.core.frame import Status
 from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.kckf.coordinate import Coordinate, GapRule
 from jointest_ros.core.kckf.process_noise import increments
 
 # Above this variance, (3 deg)^2, the curve bends within the prior: a reading is taken by Gauss and Newton's iteration,

@@ -16,11 +16,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from jointest_ros.core.kckf.coordinate import GapRule
 from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.kckf.chain_motion import ChainMotion
+from jointest_ros.core.kckf.coordinate import GapRule
 from jointest_ros.core.kckf.fusion import FusionParams, coupled_bank, hinge_bank
 from jointest_ros.core.kckf.joint_bank import JointBank
-from jointest_ros.core.kckf.chain_motion import ChainMotion
 from jointest_ros.core.kckf.linkage import serial_linkage
 from jointest_ros.core.kckf.linkage_estimator import LinkageEstimator
 from jointest_ros.core.params import param

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jointest_ros import config_values as read
+from jointest_ros.config import values as read
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.hall_sensor import Curve, ExponentialCurve, HallSensor, SplineCurve
 from jointest_ros.core.params import Params, param
@@ -21,7 +21,9 @@ class HallSettings(Params):
     mirrored: bool = param(False, "it sits on the other side of the joint: it sees the negative angle")
     offset_v: float = param(0.0, "known error of the voltage, subtracted", unit="V", low=-10.0, high=10.0)
     noise_v: float = param(HallSensor.noise, "standard deviation of a reading", unit="V", low=1e-6, high=10.0)
-    resolution_v: float = param(HallSensor.resolution, "one digit of the converter; 0: none", unit="V", low=0.0, high=1.0)
+    resolution_v: float = param(
+        HallSensor.resolution, "one digit of the converter; 0: none", unit="V", low=0.0, high=1.0
+    )
 
 
 def hall_sensors(entries: Any, defaults: Any) -> tuple[HallSensor, ...]:

@@ -17,9 +17,9 @@ from typing import Any
 
 import yaml
 
-from jointest_ros import config_values as read
-from jointest_ros.config_hall import HallSettings, curve
-from jointest_ros.config_text import hall_entry
+from jointest_ros.config import values as read
+from jointest_ros.config.hall import HallSettings, curve
+from jointest_ros.config.text import hall_entry
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
 

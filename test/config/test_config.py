@@ -17,7 +17,7 @@ from jointest_ros import config
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.robot import STANDARD_GRAVITY
 
-CONFIGURATIONS = Path(__file__).resolve().parents[1] / "config"
+CONFIGURATIONS = Path(__file__).resolve().parents[2] / "config"
 ARM: dict[str, Any] = {
     "robot": {
         "name": "arm",

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from jointest_ros import config
-from jointest_ros.config_text import robot_yaml
+from jointest_ros.config.text import robot_yaml
 from jointest_ros.core.hall_sensor import ExponentialCurve, HallSensor, SplineCurve
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.sim.scenarios import SCENARIOS

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from jointest_ros import calibration
-from jointest_ros import config_values as read
-from jointest_ros.config_hall import hall_sensors
+from jointest_ros.config import calibration
+from jointest_ros.config import values as read
+from jointest_ros.config.hall import hall_sensors
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Vec3

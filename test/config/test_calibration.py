@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
-from jointest_ros import calibration, config
+from jointest_ros import config
+from jointest_ros.config import calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import ExponentialCurve, HallSensor, SplineCurve
 
