@@ -273,7 +273,7 @@ class FrameAssembler:
         if not self._hall.awaited or self._newest - pending.frame.stamp > self._wait:
             return False
         if self._hall.follows:
-            return len(self._pending) == 1 and self._arrival <= pending.arrival + 2 * self._hall_tolerance
+            return len(self._pending) == 1
         return self._arrival <= pending.arrival + self._hall_tolerance
 
     def _emit_all(self) -> list[Frame]:

@@ -76,8 +76,7 @@ class HallQueue:
     def follows(self) -> bool:
         """Messages regularly come after the first sample of their frame.
 
-        Then that order tells of which frame one is, until the next frame begins, however late a busy machine takes it;
-        but not beyond twice the tolerance, where the next frame has begun or is lost.
+        Then that order tells of which frame one is, until the next frame begins, however late a busy machine takes it.
         """
         return self._after >= _REGULAR
 
@@ -91,9 +90,8 @@ class HallQueue:
             self.drop_before(arrival - tolerance)
             while len(waiting) > 1 and abs(waiting[1][0] - arrival) <= abs(waiting[0][0] - arrival):
                 self._drop()  # the next one is nearer
-            if self.follows and (before_next is None or self.added - len(waiting) < before_next):
-                tolerance *= 2
-            if waiting and waiting[0][0] > arrival + tolerance:
+            ours = self.follows and (before_next is None or self.added - len(waiting) < before_next)
+            if waiting and waiting[0][0] > arrival + tolerance and not ours:
                 return None
         if not waiting:
             return None
