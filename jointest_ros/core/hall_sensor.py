@@ -11,10 +11,10 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray
@@ -87,7 +87,9 @@ class SplineCurve:
 
 
 @lru_cache(maxsize=256)
-def _spline(curve: SplineCurve) -> PchipInterpolator:
+def _spline(curve: SplineCurve) -> Any:
+    from scipy.interpolate import PchipInterpolator  # slow to import, and few have splines
+
     return PchipInterpolator(curve.volts, np.radians(curve.angles_deg))
 
 

@@ -174,8 +174,9 @@ class HingeFilter:
                     q += missing
                     p00 += missing * missing
             q += (rate - b) * dt
-            p00 += dt * (dt * p11 - 2.0 * p01 + gyro_density2)
-            p01 -= dt * p11
+            cross = dt * p11
+            p00 += dt * (cross - 2.0 * p01 + gyro_density2)
+            p01 -= cross
             p11 += bias_walk2 * dt
             smooth_lever += (lever - smooth_lever) * (dt if dt < 1.0 else 1.0)
             if smooth_lever > least_lever and lever > 0.0:

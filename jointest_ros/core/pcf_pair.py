@@ -142,9 +142,11 @@ class _Pair:
         return levers
 
     def _levers_of(self, direction: Vec3, angles: tuple[float, ...]) -> Sequence[float]:
+        if len(angles) == 1:
+            return (lever(self.axes[0], direction),)
         length2 = dot(direction, direction)
-        if len(angles) == 1 or length2 == 0.0:
-            return (lever(self.axes[0], direction),) * len(angles)
+        if length2 == 0.0:
+            return (0.0,) * len(angles)
         return [max(0.0, 1.0 - t * t / length2) for t in joint_rates(self.axes, angles, direction)]
 
     def _extrapolate(self, stamp: int) -> JointOutput:

@@ -105,6 +105,13 @@ def test_a_late_hall_message_shifts_nothing(late: float, hall_lag: float) -> Non
     assert assembler.hall_source.refused["unpaired"] >= 1
 
 
+@pytest.mark.parametrize("hall_lag", [0.02, 0.1, 3.0])
+def test_a_frame_that_still_waits_for_an_imu_takes_no_message_of_the_next_one(hall_lag: float) -> None:
+    assembler = make()
+    frames = play(assembler, stream(range(100), hall_lag, b={60, 80, 81}, hall={60, 80, 81})) + assembler.flush()
+    assert pairs(frames)[20:] == matched(range(20, 100), 60, 80, 81)
+
+
 def test_of_two_messages_in_time_the_nearer_one_is_taken() -> None:
     assembler = make()
     play(assembler, stream(range(50)))

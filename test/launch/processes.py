@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
-TIMEOUT = 30.0  # s
+TIMEOUT = 60.0  # s, far more than anything takes
 
 Process = subprocess.Popen[str]
 Completed = subprocess.CompletedProcess[str]

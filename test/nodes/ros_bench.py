@@ -26,7 +26,7 @@ from jointest_ros.nodes.messages import CLASSES
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode
 from jointest_ros.nodes.spin import make_executor
 
-TIMEOUT = 20.0  # s, far more than anything takes
+TIMEOUT = 60.0  # s, far more than anything takes
 DEPTH = 100_000  # of queues, so that a slow machine loses nothing
 _numbers = itertools.count()
 
