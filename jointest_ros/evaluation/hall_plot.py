@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_sensor import HallSensor
@@ -34,6 +33,8 @@ class FittedSensor:
 
 def draw(path: Path, title: str, sensors: Sequence[FittedSensor]) -> None:
     """Write the picture; the suffix of `path` says which format. Raises PlotError when it cannot be written."""
+    from matplotlib.figure import Figure  # takes longer to load than many a command to run
+
     columns = min(_COLUMNS, len(sensors))
     rows = math.ceil(len(sensors) / columns)
     figure = Figure(figsize=(_WIDTH * columns, _HEIGHT * rows), dpi=100, layout="constrained")
