@@ -124,6 +124,6 @@ def test_every_column_of_a_series_is_one_of_an_estimate() -> None:
     assert {spec.name.removesuffix("s") for spec in fields(Series)} == singular
 
 
-@pytest.mark.parametrize("flag", list(Status))
+@pytest.mark.parametrize("flag", [flag for flag in Status if flag])
 def test_status_flags_are_single_bits(flag: Status) -> None:
     assert int(flag).bit_count() == 1
