@@ -7,6 +7,6 @@ from jointest_ros.core.kckf.gyro import Gyro
 from jointest_ros.core.kckf.hall import Hall
 from jointest_ros.core.kckf.kckf import Kckf
 from jointest_ros.core.kckf.kf import Kf
-from jointest_ros.core.pcf import Pcf
+from jointest_ros.core.pcf.pcf import Pcf
 
 ESTIMATORS: dict[str, type[Estimator]] = {estimator.name: estimator for estimator in (Pcf, Gyro, Hall, Kf, Kckf)}

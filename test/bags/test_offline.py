@@ -20,7 +20,7 @@ from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter, StorageName
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Series, Status
-from jointest_ros.core.pcf import Pcf
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.core.timing import Timing
 from jointest_ros.sim import finger

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording, Series
-from jointest_ros.core.pcf import Pcf, PcfParams
-from jointest_ros.core.pcf_attitude import ComplementaryFilter, Gains
+from jointest_ros.core.pcf.attitude import ComplementaryFilter, Gains
+from jointest_ros.core.pcf.pcf import Pcf, PcfParams
 from jointest_ros.core.rotation import log
 from jointest_ros.sim.finger import ACCEL_NOISE, GYRO_NOISE, FingerRecording, simulate
 from jointest_ros.sim.imu import GRAVITY, random_direction

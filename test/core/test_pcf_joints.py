@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import Quat, Vec3
-from jointest_ros.core.pcf_attitude import (
+from jointest_ros.core.pcf.attitude import (
     heading_difference,
     heading_north,
     joint_angles,

@@ -21,7 +21,7 @@ from jointest_ros import config
 from jointest_ros.bags import offline
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.core.pcf import Pcf
+from jointest_ros.core.pcf.pcf import Pcf
 
 Launch = Callable[..., Process]
 

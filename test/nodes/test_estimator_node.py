@@ -19,7 +19,7 @@ from std_msgs.msg import Float64MultiArray
 from without_ros import assert_same, estimate, make, simulated, stamp
 
 from jointest_ros.core.errors import ConfigurationError
-from jointest_ros.core.pcf import PcfParams
+from jointest_ros.core.pcf.pcf import PcfParams
 from jointest_ros.nodes import estimator_node
 from jointest_ros.nodes.estimator_node import EstimatorNode, NodeParams
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode

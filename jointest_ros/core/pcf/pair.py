@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from jointest_ros.core.frame import Frame, Quat, Status, Vec3
-from jointest_ros.core.pcf_attitude import (
+from jointest_ros.core.pcf.attitude import (
     STILL,
     ComplementaryFilter,
     Gains,
@@ -22,7 +22,7 @@ from jointest_ros.core.pcf_attitude import (
     lever,
     zero_rotation,
 )
-from jointest_ros.core.pcf_imu import AbsoluteImu, Gaps, Imu, bridge
+from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps, Imu, bridge
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import IDENTITY, conjugate, dot, multiply, rotate, rotate_inverse, wrap
 

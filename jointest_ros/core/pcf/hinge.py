@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray, Frame, Recording, Status, Vec3
-from jointest_ros.core.pcf_imu import UNKNOWN_PERIOD, Gaps
-from jointest_ros.core.pcf_pair import START_VARIANCE, UNKNOWN_VARIANCE, JointOutput
+from jointest_ros.core.pcf.imu import UNKNOWN_PERIOD, Gaps
+from jointest_ros.core.pcf.pair import START_VARIANCE, UNKNOWN_VARIANCE, JointOutput
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import dot, perpendicular, rotate_inverse, wrap
 

@@ -1,6 +1,6 @@
 """`pcf`: joint angles from one IMU on each link (Santaera et al. 2015), in three formulations.
 
-hinge      a Kalman filter on each one-axis joint (see pcf_hinge.py); nothing can drift about gravity. The default.
+hinge      a Kalman filter on each one-axis joint (see hinge.py); nothing can drift about gravity. The default.
 relative   Algorithm 2 on each pair of IMUs: the free relative rotation, of which the angles are taken.
 absolute   Algorithm 1 on each IMU, then R1^T R2. Also the orientation of single IMUs (a robot without joints).
 
@@ -20,10 +20,10 @@ from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Series, Status, Vec3
 from jointest_ros.core.params import Params, param
-from jointest_ros.core.pcf_attitude import STILL, Gains
-from jointest_ros.core.pcf_hinge import HingeFilter, HingeNoise
-from jointest_ros.core.pcf_imu import AbsoluteImu, Gaps
-from jointest_ros.core.pcf_pair import UNKNOWN_VARIANCE, AbsolutePair, RelativePair
+from jointest_ros.core.pcf.attitude import STILL, Gains
+from jointest_ros.core.pcf.hinge import HingeFilter, HingeNoise
+from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
+from jointest_ros.core.pcf.pair import UNKNOWN_VARIANCE, AbsolutePair, RelativePair
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.core.timing import Timing

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jointest_ros.core.frame import Frame, Status, Vec3
-from jointest_ros.core.pcf_attitude import STILL, UP, ComplementaryFilter, Gains, heading_north, world_field
+from jointest_ros.core.pcf.attitude import STILL, UP, ComplementaryFilter, Gains, heading_north, world_field
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.rotation import between, exp, multiply
 
