@@ -35,9 +35,10 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-7s %s\n", $$1, $$2}' Makefile
 	@echo "PYTHON=python3.12 names the Python for .venv, ARGS=\"...\" goes to the demo or to pytest."
 
-demo: environment ## simulated hardware, estimators and a comparison in one process, live (ARGS="--bag BAG --config YAML" for yours)
+demo: environment ## a simulated finger or --robot exoshell, estimates beside the truth, live, 15 s (ARGS="--bag BAG --config YAML" for yours)
 	@echo "Starting jointest demo (ROS_DOMAIN_ID=$(ROS_DOMAIN_ID), on this host only)"
 	@.venv/bin/jointest demo $(ARGS)
+	@echo "For the commands in this shell: . .venv/bin/activate"
 
 test: lint ## lint, then all tests (ARGS="-k kckf" for some)
 	@.venv/bin/python -m pytest $(ARGS)

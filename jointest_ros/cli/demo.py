@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
             f"ROS 2 is not at hand ({error}): source your ROS 2 installation, or pip install 'jointest_ros[ros]'"
         ) from None
     with Demo(bag, path, configuration, names, arguments.speed, arguments.namespace) as demo:
-        demo.play(out)
-        out.print()
-        for table in (*error_tables(demo.errors()), input_table(demo.inputs())):
-            out.print(table)
+        try:
+            demo.play(out)
+        finally:  # what was seen until Ctrl-C is shown too
+            out.print()
+            for table in (*error_tables(demo.errors()), input_table(demo.inputs())):
+                out.print(table)
     out.print(
         "\nThe same on a robot, each in a terminal of its own (the first one stands for your sensors):", style="bold"
     )
@@ -68,4 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         space = f" -r __ns:=/{name} -p sensor_namespace:=/" if len(names) > 1 else ""
         out.print(f"  ros2 run jointest_ros {name}_node --ros-args -p config:={path}{space}")
     out.print(f"  ros2 topic echo {'/' + names[0] if len(names) > 1 else ''}/joint_states")
+    if shutil.which("ros2") is None:
+        out.print(
+            "No ros2 command here: leave out `ros2 run jointest_ros`; the nodes are commands of their own."
+        )
     return 0

@@ -6,6 +6,8 @@ import math
 import os
 import time
 from array import array
+from bisect import bisect_right
+from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -51,15 +53,16 @@ class JointLog:
         for table, values in ((self.position, position), (self.velocity, velocity)):
             present = dict(zip(names, values, strict=False))
             for name in names:
-                table.setdefault(name, array("d", [math.nan] * len(self.stamps)))
+                if name not in table:
+                    table[name] = array("d", [math.nan] * len(self.stamps))
             for name, column in table.items():
                 column.append(present.get(name, math.nan))
         self.stamps.append(stamp)
 
-    def latest(self, joint: str) -> float:
-        """Newest position, rad; NaN without one."""
-        column = self.position.get(joint)
-        return column[-1] if column else math.nan
+    def degrees(self, joint: str, stamp: int | None = None) -> float:
+        """Position at the newest message, or at the newest that is not after `stamp`, deg; NaN without one."""
+        row = len(self.stamps) if stamp is None else bisect_right(self.stamps, stamp)
+        return math.degrees(self.position[joint][row - 1]) if row and joint in self.position else math.nan
 
     def column(self, table: dict[str, array[float]], joint: str) -> FloatArray:
         """One joint as an array, NaN where a message had it not."""
@@ -147,7 +150,8 @@ class Demo:
                     if console.is_terminal:
                         live.update(self._table(), refresh=True)
                     else:
-                        console.print(self._line(), markup=False)
+                        for line in self._lines():
+                            console.print(line, markup=False)
 
     def _joints(self) -> list[tuple[str, str]]:
         return [(name, joint) for name, node in self._nodes.items() for joint in node.estimator.joints]
@@ -159,17 +163,24 @@ class Demo:
         for heading in ("estimate, deg", "truth, deg", "error, deg"):
             table.add_column(heading, justify="right", min_width=13)
         for name, joint in self._joints():
-            estimate, truth = math.degrees(self._logs[name].latest(joint)), math.degrees(self._truth.latest(joint))
+            estimate, truth = self._both(name, joint)
             numbers = (estimate, truth, estimate - truth)
             table.add_row(name, joint, *("-" if math.isnan(v) else f"{v:.2f}" for v in numbers))
         return table
 
-    def _line(self) -> str:
-        cells = []
-        for name, joint in self._joints():
-            estimate, truth = math.degrees(self._logs[name].latest(joint)), math.degrees(self._truth.latest(joint))
-            cells.append(f"{joint} {estimate:.1f}" + ("" if math.isnan(truth) else f" (true {truth:.1f})"))
-        return "  ".join(cells)
+    def _lines(self) -> Iterator[str]:
+        """A line for each estimator."""
+        for name, node in self._nodes.items():
+            cells = []
+            for joint in node.estimator.joints:
+                estimate, truth = self._both(name, joint)
+                cells.append(f"{joint} {estimate:.1f}" + ("" if math.isnan(truth) else f" (true {truth:.1f})"))
+            yield f"{name}: {'  '.join(cells)}"
+
+    def _both(self, name: str, joint: str) -> tuple[float, float]:
+        """The newest estimate of a joint, and the truth at its stamp, deg."""
+        log = self._logs[name]
+        return log.degrees(joint), self._truth.degrees(joint, log.stamps[-1] if log.stamps else 0)
 
     def errors(self) -> dict[str, dict[str, Any]]:
         """Errors of what was received, keyed as the JSON of `jointest evaluate`."""

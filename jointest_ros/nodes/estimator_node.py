@@ -88,7 +88,10 @@ class EstimatorNode(Node):
             )
         configuration = config.load(params.config)
         chosen = declare(self, kind.Params, configuration.estimators.get(kind.name))
-        self.estimator = kind(configuration.robot, chosen, configuration.timing)
+        try:
+            self.estimator = kind(configuration.robot, chosen, configuration.timing)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{params.config}: {error}") from None
         self.intake = Intake(configuration.robot, configuration.timing)
         self.estimates = 0
         self._estimated = -math.inf  # monotonic s, when the latest estimate was made
