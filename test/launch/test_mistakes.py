@@ -30,7 +30,11 @@ PARAMETERS: list[tuple[str, tuple[str, ...], str]] = [
     ),
     ("pcf_node", (CONFIG, "kpp:=1"), "kpp: unknown parameter; did you mean 'kp'?"),
     ("pcf_node", (CONFIG, "use_sim_time:=5"), "Trying to set parameter 'use_sim_time' to '5'"),
-    ("pcf_node", ("config:={thumb}",), "joint 'base': link 'thumb' carries no sensor with gyro and accelerometer"),
+    (
+        "pcf_node",
+        ("config:={thumb}",),
+        "{thumb}: joint 'base': link 'thumb' carries no sensor with gyro and accelerometer",
+    ),
     ("sim_hardware_node", (), "bag: '' is not allowed with source bag; give the path of a recording: -p bag:=PATH"),
     ("sim_hardware_node", ("bag:=nowhere",), "nowhere: no such bag"),
     ("sim_hardware_node", ("source:=elbow",), "source: 'elbow' is not allowed; give one of bag, finger"),
@@ -48,13 +52,19 @@ Outcomes = dict[tuple[str, ...], Completed]
 
 
 @pytest.fixture(scope="module")
-def outcomes(tmp_path_factory: pytest.TempPathFactory, finger_config: Path) -> Outcomes:
-    """How all of them end, by command line: run side by side, since each takes its time to load."""
+def thumb(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A configuration in which a link has no sensor."""
     thumb = tmp_path_factory.mktemp("robot") / "thumb.yaml"
     thumb.write_text(
         "robot: {links: [palm, thumb], joints: {base: {parent: palm, child: thumb, axis: x}}}\nsensors: {palm: {}}\n",
         encoding="utf-8",
     )
+    return thumb
+
+
+@pytest.fixture(scope="module")
+def outcomes(thumb: Path, finger_config: Path) -> Outcomes:
+    """How all of them end, by command line: run side by side, since each takes its time to load."""
     lines = [(name, *as_arguments(parameters)) for name, parameters, _ in PARAMETERS]
     lines += [("pcf_node", *arguments) for arguments, _ in ARGUMENTS]
     lines += [(name, "--help") for name in HELP]
@@ -71,11 +81,11 @@ def as_arguments(parameters: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize(("name", "parameters", "message"), PARAMETERS)
-def test_parameters(name: str, parameters: tuple[str, ...], message: str, outcomes: Outcomes) -> None:
+def test_parameters(name: str, parameters: tuple[str, ...], message: str, outcomes: Outcomes, thumb: Path) -> None:
     done = outcomes[(name, *as_arguments(parameters))]
     assert (done.returncode, done.stdout) == (2, "")
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"{name}: error: {message}")
+    assert line.startswith(f"{name}: error: {message.replace('{thumb}', str(thumb))}")
 
 
 @pytest.mark.parametrize(("arguments", "message"), ARGUMENTS)

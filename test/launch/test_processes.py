@@ -127,7 +127,7 @@ def test_demo_without_a_terminal(finger_bag: Path, finger_config: Path) -> None:
     assert not trouble(done.stdout + done.stderr)
     out = done.stdout
     assert "\x1b" not in out
-    assert re.search(r"^finger_mcp -?\d+\.\d \(true -?\d+\.\d\) ", out, re.MULTILINE)  # live
+    assert re.search(r"^pcf: finger_mcp -?\d+\.\d \(true -?\d+\.\d\) ", out, re.MULTILINE)  # live
     row = re.search(r"pcf[│ ]+finger_pip[│ ]+(\d+\.\d+) ", out)
     assert row is not None
     assert float(row[1]) < 0.5  # deg
