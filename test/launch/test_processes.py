@@ -136,6 +136,15 @@ def test_demo_without_a_terminal(finger_bag: Path, finger_config: Path) -> None:
     assert f"ros2 run jointest_ros pcf_node --ros-args -p config:={finger_config}" in out
 
 
+def test_demo_of_the_exoshell_compares_four_estimators() -> None:
+    done = run("jointest", "demo", "--robot", "exoshell", "--speed", "3")
+    assert done.returncode == 0, done.stderr
+    assert not trouble(done.stdout + done.stderr)
+    rmse = {name: float(e) for name, e in re.findall(r"(kckf|gyro)[│ ]+joint_1[│ ]+(\d+\.\d+) ", done.stdout)[:2]}
+    assert rmse["kckf"] < 0.5 < rmse["gyro"]  # deg
+    assert "ros2 run jointest_ros kckf_node --ros-args -p config:=" in done.stdout
+
+
 def test_demo_is_interrupted(launch: Launch, listener: Listener) -> None:
     demo = launch("jointest", "demo")
     listener.until(lambda: any(topic.endswith("/pcf/joint_states") for topic in listener.topics()), "the demo")
