@@ -72,7 +72,5 @@ def run(arguments: argparse.Namespace) -> int:
         out.print(f"  ros2 run jointest_ros {name}_node --ros-args -p config:={path}{space}")
     out.print(f"  ros2 topic echo {'/' + names[0] if len(names) > 1 else ''}/joint_states")
     if shutil.which("ros2") is None:
-        out.print(
-            "No ros2 command here: leave out `ros2 run jointest_ros`; the nodes are commands of their own."
-        )
+        out.print("No ros2 command here: leave out `ros2 run jointest_ros`; the nodes are commands of their own.")
     return 0
