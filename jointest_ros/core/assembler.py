@@ -32,7 +32,7 @@ IMPLAUSIBLE_ACCEL = 1e5  # m/s^2, fifty times the widest MEMS shock acceleromete
 IMPLAUSIBLE_MAG = 1.0  # tesla
 _MIN_WAIT = 20_000_000  # ns
 _FIRST_TOLERANCE = 400_000  # ns, while the period is unknown: less than half a period at 1 kHz
-_FIRST_HALL_TOLERANCE = 20_000_000  # ns, of arrival: a node that starts is slow at first
+_FIRST_HALL_TOLERANCE = 50_000_000  # ns, of arrival: a node that starts is slow at first
 _STARTED = 20  # frames
 _GONE = 10  # periods after which a silent sensor says nothing about the period of the stream
 
