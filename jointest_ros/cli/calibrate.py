@@ -106,7 +106,7 @@ def _target(arguments: argparse.Namespace, configuration: Configuration) -> Path
     if target.resolve() == arguments.config.resolve():
         raise OutputError(f"{target}: is the configuration, which is never written; choose another name")
     try:
-        calibration.load_hall(target, sensors)
+        calibration.load(target, configuration.robot)
     except ConfigurationError as error:
         raise OutputError(f"{error}; it is no calibration of this robot, and stays: choose another name") from None
     return target

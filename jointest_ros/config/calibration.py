@@ -1,16 +1,21 @@
 """Calibration files: what a recording or a node found out about a robot's sensors, kept apart from its configuration.
 
 A configuration names its file by `calibration_file:`, relative to its own folder. What stands there takes precedence
-over the configuration. The file need not exist.
+over the configuration. The file need not exist. Each `jointest calibrate` writes its own section and leaves the others:
 
     hall:  # in the order of the configuration
     - {joint: knee, mirrored: false, curve: {a_deg: .07, b: 2.87, c_deg: 2.22e5, d: 8.43}, noise_v: .02, offset_v: 0}
+    accel:  # acceleration = matrix reading + offset, sensor frame, m/s^2
+      imu_1: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], offset: [0, 0, 0]}
+    mountings:  # rotation sensor frame to link frame, x, y, z, w
+      imu_1: {quaternion: [0, 0, 0, 1]}
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,61 +24,109 @@ import yaml
 
 from jointest_ros.config import values as read
 from jointest_ros.config.hall import HallSettings, curve
-from jointest_ros.config.text import hall_entry
+from jointest_ros.config.text import hall_entry, mounting_entry
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.robot import Robot, Sensor
+
+SECTIONS = ("hall", "accel", "mountings")
 
 _IDENTITY = ("joint", "mirrored")
 _FITTED = ("curve", "noise_v", "offset_v")
 _AS_CONFIGURED = "as in the configuration, or remove the file and calibrate again"
 
 
-def load_hall(path: Path, configured: Sequence[HallSensor]) -> tuple[HallSensor, ...]:
-    """The configured sensors with what the calibration file says of them; as they are where there is no file.
+def load(path: Path, robot: Robot) -> Robot:
+    """The robot with what the calibration file says of its sensors; as it is where there is no file.
 
     Raises:
         ConfigurationError: the file cannot be read, is damaged or belongs to other sensors: file, key, what is allowed.
     """
+    text = _text(path)
+    if text is None:
+        return robot
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return tuple(configured)
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read as a calibration: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
-    try:
-        return _parse(text, configured)
+        return _calibrated(read.section(read.read_yaml(text), "", SECTIONS), robot)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
 
 
-def save_hall(path: Path, sensors: Iterable[HallSensor], heading: str) -> None:
-    """Write a calibration file, whole or not at all; `heading` becomes its comment.
+def save_hall(path: Path, sensors: Sequence[HallSensor], heading: str) -> None:
+    """Write the section `hall` of a calibration file; `heading` becomes its comment.
+
+    The file is written whole or not at all; its other sections stay.
 
     Raises:
         CalibrationError: it cannot be written.
+        ConfigurationError: what is there cannot be read.
     """
     entries = []
     for sensor in sensors:
         entry = {**hall_entry(sensor), "offset_v": sensor.offset}
         entries.append({key: entry[key] for key in (*_IDENTITY, *_FITTED)})
-    comment = "".join(f"# {line}".rstrip() + "\n" for line in heading.splitlines())
-    text = comment + yaml.safe_dump({"hall": entries}, sort_keys=False, default_flow_style=None, width=110)
-    target = path.resolve()  # a link stays one
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    _save(path, "hall", entries, heading)
+
+
+def save_accel(path: Path, sensors: Collection[Sensor], heading: str) -> None:
+    """Write matrix and offset of these accelerometers into the section `accel`, as `save_hall` does its own."""
+    entries = {
+        sensor.name: {"matrix": [list(row) for row in sensor.accel_matrix], "offset": list(sensor.accel_offset)}
+        for sensor in sensors
+    }
+    _save(path, "accel", entries, heading)
+
+
+def save_mountings(path: Path, sensors: Collection[Sensor], heading: str) -> None:
+    """Write the mountings of these sensors into the section `mountings`, as `save_hall` does its own."""
+    _save(path, "mountings", {sensor.name: mounting_entry(sensor) for sensor in sensors}, heading)
+
+
+# ---------------------------------------------------------------- reading
+
+
+def _text(path: Path) -> str | None:
     try:
-        try:
-            part.write_text(text, encoding="utf-8")
-            os.replace(part, target)
-        finally:
-            part.unlink(missing_ok=True)
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
     except OSError as error:
-        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
+        raise ConfigurationError(f"{path}: cannot be read as a calibration: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
 
 
-def _parse(text: str, configured: Sequence[HallSensor]) -> tuple[HallSensor, ...]:
-    entries = read.section(read.read_yaml(text), "", ("hall",)).get("hall")
+def _calibrated(document: dict[str, Any], robot: Robot) -> Robot:
+    if not document:
+        raise ConfigurationError(f"no section; give some of {', '.join(SECTIONS)}, or remove the file")
+    if "hall" in document:
+        robot = replace(robot, hall=_hall(document["hall"], robot.hall))
+    sensors = {sensor.name: sensor for sensor in robot.sensors}
+    for name, where, values in _by_sensor(document, "accel", sensors):
+        given = _whole(values, where, ("matrix", "offset"))
+        matrix, offset = given["matrix"], read.vector(given["offset"], f"{where}.offset", "m/s^2")
+        if not isinstance(matrix, list) or len(matrix) != 3:
+            raise read.refusal(f"{where}.matrix", matrix, "three rows of three numbers")
+        x, y, z = (read.vector(row, f"{where}.matrix[{k}]", "of a row") for k, row in enumerate(matrix))
+        sensors[name] = replace(sensors[name], accel_matrix=(x, y, z), accel_offset=offset)
+    for name, where, values in _by_sensor(document, "mountings", sensors):
+        sensors[name] = replace(sensors[name], mounting=read.mounting(_whole(values, where, ("quaternion",)), where))
+    return replace(robot, sensors=tuple(sensors.values()))
+
+
+def _by_sensor(document: dict[str, Any], key: str, sensors: dict[str, Sensor]) -> list[tuple[str, str, Any]]:
+    """Sensor, path of keys and values of each entry of a section."""
+    if key not in document:
+        return []
+    section = read.section(document[key], key)
+    if not section:
+        raise read.refusal(key, document[key], "an entry for each sensor")
+    for name in section:
+        if name not in sensors:
+            raise ConfigurationError(f"{key}.{name}: no sensor of the configuration; known: {', '.join(sensors)}")
+    return [(name, f"{key}.{name}", values) for name, values in section.items()]
+
+
+def _hall(entries: Any, configured: Sequence[HallSensor]) -> tuple[HallSensor, ...]:
     if not isinstance(entries, list) or len(entries) != len(configured):
         raise read.refusal("hall", entries, f"{len(configured)} entries {_AS_CONFIGURED}")
     pairs = enumerate(zip(entries, configured, strict=True))
@@ -103,3 +156,44 @@ def _whole(value: Any, where: str, keys: tuple[str, ...]) -> dict[str, Any]:
         if key not in given:
             raise ConfigurationError(f"{where}.{key}: missing")
     return given
+
+
+# ---------------------------------------------------------------- writing
+
+
+def _save(path: Path, key: str, values: Any, heading: str) -> None:
+    """Replace one section with its comment; sensors of it that are not in `values` stay, without their comment."""
+    sections = _split(_text(path) or "")
+    if key in sections and isinstance(values, dict):
+        values = {**read.section(read.read_yaml(sections[key]), "", SECTIONS).get(key, {}), **values}
+    comment = "".join(f"# {line}".rstrip() + "\n" for line in heading.splitlines())
+    sections[key] = comment + yaml.safe_dump({key: values}, sort_keys=False, default_flow_style=None, width=110)
+    target = path.resolve()  # a link stays one
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        try:
+            part.write_text("".join(sections[name] for name in SECTIONS if name in sections), encoding="utf-8")
+            os.replace(part, target)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _split(text: str) -> dict[str, str]:
+    """Section -> its text, the comment before it included."""
+    sections: dict[str, str] = {}
+    waiting, key = "", ""
+    for line in text.splitlines(keepends=True):
+        found = re.match(r"(\w+):", line)
+        if found:
+            key, waiting = found[1], waiting + line
+        elif line.startswith("#"):
+            waiting, key = waiting + line, ""
+            continue
+        else:
+            waiting += line
+        if key:
+            sections[key] = sections.get(key, "") + waiting
+            waiting = ""
+    return sections

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +99,7 @@ def parse(text: str, path: Path | None = None) -> Configuration:
     if "calibration_file" in document:
         name = read.text(document["calibration_file"], "calibration_file", "the name of a file")
         calibrated = (path or Path()).parent / name
-        robot = replace(robot, hall=calibration.load_hall(calibrated, robot.hall))
+        robot = calibration.load(calibrated, robot)
     return Configuration(
         robot=robot,
         timing=Timing.from_mapping(read.section(document.get("timing"), "timing"), "timing"),
@@ -129,7 +129,7 @@ def _robot(document: Mapping[str, Any]) -> Robot:
 
 def _joint(name: str, values: Any) -> Joint:
     where = f"robot.joints.{name}"
-    section = read.section(values, where, ("parent", "child", "axis", "axes", "limits_deg", "continuous"))
+    section = read.section(values, where, ("parent", "child", "axis", "axes", "origin", "limits_deg", "continuous"))
     parent, child = (read.text(section.get(key), f"{where}.{key}", "the name of a link") for key in ("parent", "child"))
     if ("axis" in section) == ("axes" in section):
         raise ConfigurationError(f"{where}: give either axis (one) or axes (a list of one to three)")
@@ -149,7 +149,8 @@ def _joint(name: str, values: Any) -> Joint:
         if not isinstance(pairs, list) or len(pairs) != len(axes):
             raise read.refusal(f"{where}.limits_deg", pairs, "[low, high] for each axis")
         limits = tuple(read.limits(pair, f"{where}.limits_deg") for pair in pairs)
-    return Joint(name, parent, child, axes, limits, continuous)
+    origin = read.vector(section.get("origin", [0.0, 0.0, 0.0]), f"{where}.origin", "m")
+    return Joint(name, parent, child, axes, limits, continuous, origin)
 
 
 def _sensor(name: str, values: Any, defaults: Mapping[str, Any]) -> Sensor:

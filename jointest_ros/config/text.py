@@ -32,6 +32,8 @@ def robot_yaml(robot: Robot, estimators: Mapping[str, Mapping[str, Any]], headin
 
 def _joint(joint: Joint) -> dict[str, Any]:
     entry: dict[str, Any] = {"parent": joint.parent, "child": joint.child, "axes": [list(axis) for axis in joint.axes]}
+    if any(joint.origin):
+        entry["origin"] = list(joint.origin)
     if joint.limits is not None:
         limits = [[_degrees(low), _degrees(high)] for low, high in joint.limits]
         entry["limits_deg"] = limits if len(limits) > 1 else limits[0]
@@ -46,7 +48,7 @@ def _sensor(sensor: Sensor) -> dict[str, Any]:
         if getattr(sensor, key) != usual:
             entry[key] = getattr(sensor, key)
     if sensor.mounting != IDENTITY:
-        entry["mounting"] = {"quaternion": list(sensor.mounting)}
+        entry["mounting"] = mounting_entry(sensor)
     for field in ("gyro", "accel"):
         if not getattr(sensor, field):
             entry[field] = False
@@ -62,6 +64,11 @@ def _sensor(sensor: Sensor) -> dict[str, Any]:
     if sensor.delay:
         entry["delay_ms"] = _short(sensor.delay * 1e3)
     return entry
+
+
+def mounting_entry(sensor: Sensor) -> dict[str, Any]:
+    """The mounting of a sensor as the value of `mounting:`."""
+    return {"quaternion": list(sensor.mounting)}
 
 
 def hall_entry(hall: HallSensor) -> dict[str, Any]:

@@ -52,6 +52,16 @@ class _Pending:
 _Sample = tuple[str, int, Vec3, Vec3, int]  # sensor, stamp, gyro, accel, arrival
 
 
+def calibrated(reading: Vec3, row_x: Vec3, row_y: Vec3, row_z: Vec3, offset: Vec3) -> Vec3:
+    """Acceleration of an accelerometer's reading, m/s^2: matrix (by rows) times reading, plus offset."""
+    x, y, z = reading
+    return (
+        row_x[0] * x + row_x[1] * y + row_x[2] * z + offset[0],
+        row_y[0] * x + row_y[1] * y + row_y[2] * z + offset[1],
+        row_z[0] * x + row_z[1] * y + row_z[2] * z + offset[2],
+    )
+
+
 class FrameAssembler:
     """Assembles frames for `sensors`; every `add_*` returns the frames that became ready, in order of their stamps.
 
@@ -78,6 +88,7 @@ class FrameAssembler:
         self.resets = 0
         self.gaps = 0
         self._in_use = {s.name: (s.gyro, s.accel, round(s.delay * 1e9)) for s in sensors}
+        self._accel_calibrations = {s.name: (*s.accel_matrix, s.accel_offset) for s in sensors if s.accel_calibrated}
         self._expected = frozenset(self.sources)
         self._max_gap = round(self.timing.max_gap * 1e9)
         self._reset_jump = round(self.timing.reset_jump * 1e9)
@@ -224,7 +235,8 @@ class FrameAssembler:
         if uses_gyro:
             frame.gyro[sensor] = gyro
         if uses_accel:
-            frame.accel[sensor] = accel
+            calibration = self._accel_calibrations.get(sensor)
+            frame.accel[sensor] = accel if calibration is None else calibrated(accel, *calibration)
         pending.missing.remove(sensor)
         # The oldest frame may still wait for the same sensor as before.
         return not (joined and pending.awaited in pending.missing and pending is self._pending[0])

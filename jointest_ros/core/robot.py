@@ -18,6 +18,7 @@ from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.rotation import IDENTITY, exp, multiply, norm
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
+UNCALIBRATED_MATRIX = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Joint:
     Attributes:
         name: of the joint; its coordinates are `name`, or `name_x`, `name_y`, ... when there is more than one axis.
         axes: unit vectors, equal in parent and child frame at the zero pose.
+        origin: of the joint in the parent frame, m; the origin of the child frame is there too.
         limits: lowest and highest position of each coordinate, rad, or None where unknown.
         continuous: positions are equal modulo 2 pi (errors are wrapped).
     """
@@ -37,6 +39,7 @@ class Joint:
     axes: tuple[Vec3, ...]
     limits: tuple[tuple[float, float], ...] | None = None
     continuous: bool = False
+    origin: Vec3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         where, number = f"joint '{self.name}'", len(self.axes)
@@ -73,6 +76,8 @@ class Sensor:
         gyro_bias_walk: random walk of the gyro bias, rad/s/sqrt(s).
         accel_noise: white noise density, m/s^2/sqrt(Hz).
         gyro_range, accel_range: full scale, rad/s and m/s^2; infinity where unknown.
+        accel_matrix, accel_offset: calibration: acceleration = matrix reading + offset (m/s^2), in the sensor frame;
+            the assembler applies it.
         delay: how long after the measurement the sensor's filter delivers it (group delay of the data sheet), s; the
             assembler subtracts it from the stamps, so that estimates are stamped by when they were true.
         topic, mag_topic: names of its Imu and MagneticField topics; imu/<name> and mag/<name> unless given.
@@ -91,10 +96,17 @@ class Sensor:
     accel_noise: float = 400e-6 * STANDARD_GRAVITY
     gyro_range: float = math.inf
     accel_range: float = math.inf
+    accel_matrix: tuple[Vec3, Vec3, Vec3] = UNCALIBRATED_MATRIX
+    accel_offset: Vec3 = (0.0, 0.0, 0.0)
     delay: float = 0.0
     topic: str = ""
     mag_topic: str = ""
     frame_id: str = ""
+
+    @property
+    def accel_calibrated(self) -> bool:
+        """Readings of the accelerometer are to be corrected."""
+        return self.accel_matrix != UNCALIBRATED_MATRIX or self.accel_offset != (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "topic", self.topic or f"imu/{self.name}")

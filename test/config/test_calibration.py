@@ -81,9 +81,10 @@ def test_the_heading_is_a_comment_whatever_stands_in_it(robot: Path, calibrated:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("hall", GONE, "hall: None is not allowed; give 2 entries as in the configuration, or remove the file"),
+        ("hall", GONE, "no section; give some of hall, accel, mountings, or remove the file"),
+        ("hall", None, "hall: None is not allowed; give 2 entries as in the configuration, or remove the file"),
         ("hall", {}, "hall: {} is not allowed"),
-        ("elbow", 1, "elbow: unknown key; allowed: hall"),
+        ("elbow", 1, "elbow: unknown key; allowed: hall, accel, mountings"),
         ("hall.1", GONE, "give 2 entries as in the configuration"),
         ("hall.0", None, "hall[0].joint: missing"),
         ("hall.0", "elbow", "hall[0]: 'elbow' is not allowed; give keys with values"),
@@ -159,13 +160,47 @@ def test_an_interrupted_writer_leaves_the_old_file_whole(calibrated: Path, monke
     assert sorted(path.name for path in calibrated.parent.iterdir()) == ["calibrated.yaml", "robot.yaml"]
 
 
+def test_each_kind_of_calibration_leaves_the_others(robot: Path, calibrated: Path) -> None:
+    upper, lower = config.load(robot).robot.sensors
+    scaled = dataclasses.replace(upper, accel_matrix=((1.1, 0.0, 0.1), (0.0, 0.9, 0.0), (0.0, 0.0, 1.0)))
+    scaled = dataclasses.replace(scaled, accel_offset=(0.1, -0.2, 0.3))
+    turned = dataclasses.replace(lower, mounting=(0.6, 0.0, 0.0, 0.8))
+    calibration.save_mountings(calibrated, [turned], "mounted by hand")
+    calibration.save_accel(calibrated, [scaled], "weighed by hand")
+    calibration.save_mountings(calibrated, [dataclasses.replace(upper, mounting=(0.0, 0.0, 0.0, -1.0))], "once more")
+    loaded = config.load(robot).robot
+    assert loaded.hall[0].noise == 0.0123
+    assert loaded.sensors == (dataclasses.replace(scaled, mounting=(0.0, 0.0, 0.0, -1.0)), turned)
+    comments = [line for line in calibrated.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+    assert comments == ["# by hand", "# weighed by hand", "# once more"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("accel: {}", "accel: {} is not allowed; give an entry for each sensor"),
+        ("accel: {wrist: {}}", "accel.wrist: no sensor of the configuration; known: upper, lower"),
+        ("accel: {upper: {offset: [0, 0, 0]}}", "accel.upper.matrix: missing"),
+        ("accel: {upper: {matrix: [[1, 0], [0, 1]], offset: [0, 0, 0]}}", "give three rows of three numbers"),
+        ("accel: {upper: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0]], offset: [0, 0, 0]}}", "accel.upper.matrix[2]"),
+        ("accel: {upper: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0, .nan]], offset: [0, 0, 0]}}", "accel.upper.matrix[2]"),
+        ("mountings: {lower: {quaternion: [0, 0, 0, 2]}}", "mountings.lower.quaternion"),
+        ("mountings: {lower: {}}", "mountings.lower.quaternion: missing"),
+    ],
+)
+def test_sections_by_sensor_are_refused_with_their_key(text: str, expected: str, robot: Path, calibrated: Path) -> None:
+    calibrated.write_text(text, encoding="utf-8")
+    assert expected in refusal(robot)
+
+
 def test_a_link_stays_a_link(tmp_path: Path) -> None:
     (tmp_path / "kept").mkdir()
     link = tmp_path / "calibrated.yaml"
     link.symlink_to(tmp_path / "kept" / "real.yaml")
     calibration.save_hall(link, FITTED, "")
     assert link.is_symlink()
-    assert calibration.load_hall(link, FITTED) == FITTED
+    robot = dataclasses.replace(config.parse(ROBOT.replace("calibration_file: calibrated.yaml", "")).robot, hall=FITTED)
+    assert calibration.load(link, robot) == robot
 
 
 def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
