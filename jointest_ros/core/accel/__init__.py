@@ -1,0 +1,1 @@
+"""Joint angles from arrays of accelerometers (Woods & Vikas): analytical, EKF, UKF, and a better model."""
