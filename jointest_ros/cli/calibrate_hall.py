@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,12 @@ from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.hall_readings import HallReadings, read_hall
 from jointest_ros.bags.offline import TRUTH_JOINTS
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.cli.common import OutputError, Parsers, complain, out, progress, warn
+from jointest_ros.cli.calibrate_common import add_options, picture_file, recorded, say_how_to_use, target_file
+from jointest_ros.cli.common import Parsers, complain, out, progress, warn
 from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
-from jointest_ros.evaluation import hall_plot, plots
+from jointest_ros.evaluation import hall_plot
 from jointest_ros.evaluation.hall_calibration import CURVES, fit_hall
 from jointest_ros.evaluation.hall_plot import FittedSensor
 from jointest_ros.evaluation.hall_recording import advice, reference_at
@@ -40,35 +40,27 @@ def add_parser(kinds: Parsers[Any]) -> None:
         "residuals, with lag and play; curve ±: standard deviation of the fitted curve where it is least certain, from "
         "noise alone; lag: of the voltages behind the reference; play: width of the loop of hysteresis.",
     )
-    hall.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a .mcap or .db3 file")
-    hall.add_argument("--config", "-c", required=True, type=Path, metavar="YAML", help="the robot's configuration")
-    hall.add_argument("-o", "--output", type=Path, metavar="FILE", help="default: the configuration's calibration_file")
-    hall.add_argument(
-        "--plot", type=Path, metavar="FILE", help="readings, curves and residuals; default: the output as .png"
-    )
+    add_options(hall, shown="readings, curves and residuals")
     hall.add_argument(
         "--curve",
         choices=CURVES,
         default=CURVES[0],
         help="a exp(b V) - c exp(-d V), or a monotone spline of ten points (default: %(default)s)",
     )
-    hall.add_argument("--namespace", default="", metavar="NS", help="namespace of the topics in the recording")
     hall.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Body of `calibrate hall`."""
     bag, configuration = arguments.bag, config.load(arguments.config)
-    target = _target(arguments, configuration)
-    picture = arguments.plot or target.with_suffix(".png")
-    plots.check_suffix(picture)
-    if picture.resolve() == target.resolve():
-        raise OutputError(f"{picture}: is the calibration file; choose another name for one of them")
+    if not configuration.robot.hall:
+        raise ConfigurationError(f"{arguments.config}: hall: none; list the sensors in the order of the voltages")
+    target = target_file(arguments, configuration)
+    picture = picture_file(arguments, target)
     with BagReader(bag) as reader, progress(f"read {bag}") as report:
         readings = read_hall(reader, configuration.robot, configuration.timing, arguments.namespace, report)
-        recorded = datetime.fromtimestamp(reader.start_ns * 1e-9, timezone.utc)
+        when = recorded(bag, reader)
     fitted = _fit(bag, configuration, readings, arguments.curve)
-    when = f"{bag.resolve().name}, recorded {recorded:%Y-%m-%d %H:%M:%S} UTC by its stamps"
     hall_plot.draw(picture, when, list(fitted.values()))
     sensors = configuration.robot.hall
     results = [fitted[k].fit.sensor if k in fitted else sensor for k, sensor in enumerate(sensors)]
@@ -80,29 +72,11 @@ def run(arguments: argparse.Namespace) -> int:
         out.print(f"as they were, without reference or reading: {', '.join(kept)}")
     out.print(f"{target}: {len(fitted)} of {len(sensors)} Hall sensors fitted")
     out.print(f"{picture}: readings, curves and residuals")
-    if configuration.calibration_file is None or target.resolve() != configuration.calibration_file.resolve():
-        out.print(f"to use it, write into {arguments.config}: calibration_file: {target.name}")
+    say_how_to_use(arguments, configuration, target)
     if readings.damage:
         complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
         return 2
     return 0
-
-
-def _target(arguments: argparse.Namespace, configuration: Configuration) -> Path:
-    """The file to write. Raises ConfigurationError, OutputError before anything is read or written."""
-    sensors = configuration.robot.hall
-    if not sensors:
-        raise ConfigurationError(f"{arguments.config}: hall: none; list the sensors in the order of the voltages")
-    target: Path | None = arguments.output or configuration.calibration_file
-    if target is None:
-        raise ConfigurationError(f"{arguments.config}: calibration_file: none; name a file there, or give -o FILE")
-    if target.resolve() == arguments.config.resolve():
-        raise OutputError(f"{target}: is the configuration, which is never written; choose another name")
-    try:
-        calibration.load(target, configuration.robot)
-    except ConfigurationError as error:
-        raise OutputError(f"{error}; it is no calibration of this robot, and stays: choose another name") from None
-    return target
 
 
 def _fit(bag: Path, configuration: Configuration, readings: HallReadings, curve: str) -> dict[int, FittedSensor]:
