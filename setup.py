@@ -15,10 +15,12 @@ from setuptools import Distribution, find_packages, setup
 
 PACKAGE = "jointest_ros"
 
+ESTIMATORS = ("pcf", "gyro", "hall", "kf", "kckf", "accel_analytical", "accel_ekf", "accel_ukf")
+
 # command -> the module whose main() it runs
 COMMANDS = {
     "jointest": "jointest_ros.cli.main",
-    **{f"{name}_node": f"jointest_ros.nodes.{name}_node" for name in ("pcf", "gyro", "hall", "kf", "kckf")},
+    **{f"{name}_node": f"jointest_ros.nodes.{name}_node" for name in ESTIMATORS},
     "sim_hardware_node": "jointest_ros.nodes.sim_hardware_node",
 }
 

@@ -71,3 +71,7 @@ class Estimator(ABC):
     def biases(self) -> dict[str, float]:
         """The latest sensor biases by name (rad/s for gyros, V for Hall sensors, m/s^2 for accelerometers)."""
         return {}
+
+    def link_velocities(self) -> dict[str, float]:
+        """The latest angular velocities of single links about their joint's axis, rad/s, by link; where estimated."""
+        return {}

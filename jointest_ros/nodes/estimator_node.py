@@ -24,6 +24,7 @@ from jointest_ros.bags.intake import Handler, Intake
 from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
+from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Frame
 from jointest_ros.core.params import Params, param
 from jointest_ros.nodes import spin
@@ -98,7 +99,10 @@ class EstimatorNode(Node):
         self._output = JointStateOutput(self.estimator.joints)
         self._publish_states = self.create_publisher(JointState, "joint_states", 1000).publish
         self._covariance = self.create_publisher(Float64MultiArray, "joint_covariance", 10)
-        self._biases = self.create_publisher(Float64MultiArray, "biases", 10)
+        self._by_name = [(self.create_publisher(Float64MultiArray, "biases", 10), self.estimator.biases)]
+        if kind.link_velocities is not Estimator.link_velocities:
+            velocities = self.create_publisher(Float64MultiArray, "link_velocities", 10)
+            self._by_name.append((velocities, self.estimator.link_velocities))
         self._torso_frame = self.estimator.torso.first if self.estimator.torso else ""
         if self._torso_frame:
             self._publish_angle = self.create_publisher(Vector3Stamped, "torso_angle", 1000).publish
@@ -149,9 +153,10 @@ class EstimatorNode(Node):
         if self._covariance.get_subscription_count():
             matrix = self.estimator.covariance().ravel().tolist()
             self._covariance.publish(labelled_array(list(self.estimator.joints), matrix))
-        if self._biases.get_subscription_count():
-            biases = self.estimator.biases()
-            self._biases.publish(labelled_array(list(biases), list(biases.values())))
+        for publisher, values_of in self._by_name:
+            if publisher.get_subscription_count():
+                values = values_of()
+                publisher.publish(labelled_array(list(values), list(values.values())))
 
     # ------------------------------------------------------------- services
 

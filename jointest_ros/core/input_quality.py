@@ -1,0 +1,200 @@
+"""What is wrong with an accelerometer though every sample of it is sound: saturated, frozen, other units, far from g.
+
+`saturation` and `Frozen` are the definitions, for estimators too. `InputQuality` watches a stream of frames by them, at
+a cost that does not count: it looks at one frame in 20 ms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from jointest_ros.core.frame import Frame, Vec3
+from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
+
+SATURATED = 0.99  # share of the full scale; with noise and rounding, a clipped axis does not read exactly that
+FROZEN_AFTER = 500_000_000  # ns
+MOVED = 0.5  # m/s^2, by which another accelerometer changes where a frozen one stays: more than noise or a coarse digit
+NORM_TOLERANCE = 0.05  # share of g: more than latitude (0.3 %) and the offsets of a calibrated sensor
+
+_LOOK = 20_000_000  # ns between frames that are looked at
+_WINDOW = 1_000_000_000  # ns over which rest is judged
+_FEWEST = 8  # samples in a window
+_REST_ACCEL = 0.02  # largest standard deviation of an axis at rest, as a share of the norm: the units are in doubt
+_REST_GYRO = 0.1  # rad/s, largest rate of an axis at rest, a bias included
+_UNITS = {"g": 1.0, "mg": 1000.0}  # what a sensor at rest reads in them
+
+
+def saturation_limit(sensor: Sensor) -> float:
+    """A raw reading is saturated from here on in any axis, m/s^2; infinity where the full scale is not known."""
+    return SATURATED * sensor.accel_range
+
+
+def saturation(sensor: Sensor) -> Callable[[Vec3], bool]:
+    """A function that tells whether a reading in a `Frame`, which is calibrated, was a saturated one."""
+    limit = saturation_limit(sensor)
+    if math.isinf(limit):
+        return lambda accel: False
+    if not sensor.accel_calibrated:
+        return lambda accel: max(accel) >= limit or min(accel) <= -limit
+    inverse, offset = np.linalg.inv(np.array(sensor.accel_matrix)), np.array(sensor.accel_offset)
+    return lambda accel: bool(np.abs(inverse @ (accel - offset)).max() >= limit)
+
+
+class Frozen:
+    """Finds accelerometers that repeat one reading to the last bit for half a second while another one changes.
+
+    The other one is of the same link, where there is one, so that a link at rest whose sensor has coarse digits is not
+    taken for frozen; without one, any other of the robot. A sensor stays frozen until its reading changes.
+
+    Args:
+        sensors: of the robot or of an array; those without an accelerometer do not count.
+
+    Attributes:
+        since: sensors that are frozen -> stamp of the first of the equal readings, ns.
+    """
+
+    def __init__(self, sensors: Iterable[Sensor]) -> None:
+        sensors = [sensor for sensor in sensors if sensor.accel]
+        self._others: dict[str, tuple[str, ...]] = {}
+        for sensor in sensors:
+            others = [other for other in sensors if other.name != sensor.name]
+            beside = [other for other in others if other.link == sensor.link]
+            self._others[sensor.name] = tuple(other.name for other in beside or others)
+        self._held: dict[str, tuple[Vec3, int, Mapping[str, Vec3]]] = {}  # reading, when it was new, all of that time
+        self.since: dict[str, int] = {}
+
+    def update(self, stamp: int, accel: Mapping[str, Vec3]) -> None:
+        """Take the readings of one frame (stamp ns); it keeps the mapping, which must not change any more."""
+        held = self._held
+        for sensor, reading in accel.items():
+            last = held.get(sensor)
+            if last is None or reading != last[0]:
+                held[sensor] = (reading, stamp, accel)
+                if self.since:
+                    self.since.pop(sensor, None)
+            elif stamp - last[1] >= FROZEN_AFTER and sensor not in self.since and self._moved(sensor, last[2], accel):
+                self.since[sensor] = last[1]
+
+    def _moved(self, sensor: str, before: Mapping[str, Vec3], now: Mapping[str, Vec3]) -> bool:
+        for other in self._others.get(sensor, ()):
+            if other in before and other in now:
+                changes = (abs(a - b) for a, b in zip(before[other], now[other], strict=True))
+                if max(changes) > MOVED:
+                    return True
+        return False
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._held.clear()
+        self.since.clear()
+
+    def get_state(self) -> dict[str, Any]:
+        """All that changes, as plain numbers, lists and dicts."""
+        return {
+            "held": {sensor: [reading, stamp, dict(accel)] for sensor, (reading, stamp, accel) in self._held.items()},
+            "since": dict(self.since),
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`, from YAML and JSON as well."""
+        self._held = {
+            sensor: (_vector(reading), stamp, {other: _vector(values) for other, values in accel.items()})
+            for sensor, (reading, stamp, accel) in state["held"].items()
+        }
+        self.since = dict(state["since"])
+
+
+def _vector(values: Iterable[float]) -> Vec3:
+    x, y, z = values
+    return (x, y, z)
+
+
+class InputQuality:
+    """Watches the accelerometers of a stream of frames.
+
+    Attributes:
+        saturated: sensor -> number of its samples with a saturated axis, for sensors of known full scale; whoever
+            receives the raw samples counts them with `note`.
+        rest_norm: sensor -> norm of its mean reading when it was last at rest, m/s^2.
+        frozen_longest: sensor -> longest time for which it was frozen, s.
+    """
+
+    def __init__(self, sensors: Iterable[Sensor]) -> None:
+        self._sensors = {sensor.name: sensor for sensor in sensors if sensor.accel}
+        self.saturated = {name: 0 for name, sensor in self._sensors.items() if math.isfinite(sensor.accel_range)}
+        self.rest_norm: dict[str, float] = {}
+        self.frozen_longest: dict[str, float] = {}
+        self._limits = {name: saturation_limit(sensor) for name, sensor in self._sensors.items()}
+        self._frozen = Frozen(self._sensors.values())
+        self._frames: list[Frame] = []
+        self._next = -(1 << 62)  # ns, stamp from which on a frame is looked at
+
+    def note(self, sensor: str, reading: Vec3) -> None:
+        """Count a raw reading, m/s^2, if it is saturated."""
+        if max(map(abs, reading)) >= self._limits[sensor]:
+            self.saturated[sensor] += 1
+
+    def add(self, frame: Frame) -> None:
+        """Take every frame."""
+        if frame.stamp < self._next and not frame.reset:
+            return
+        if frame.reset:
+            self._frozen.clear()
+            self._frames.clear()
+        self._next = frame.stamp + _LOOK
+        self._frozen.update(frame.stamp, frame.accel)
+        for sensor, since in self._frozen.since.items():
+            self.frozen_longest[sensor] = max(self.frozen_longest.get(sensor, 0.0), (frame.stamp - since) * 1e-9)
+        self._frames.append(frame)
+        if frame.stamp - self._frames[0].stamp >= _WINDOW:
+            self._judge_rest()
+            self._frames.clear()
+
+    def findings(self, sensor: str) -> Iterator[str]:
+        """What is wrong with a sensor now, a text each."""
+        yield from self._norm_finding(sensor)
+        if sensor in self._frozen.since:
+            yield f"{sensor} repeats one acceleration while others change: frozen?"
+
+    def summary(self, received: Mapping[str, int]) -> Iterator[str]:
+        """What was wrong with a whole recording, a line each; `received`: samples by sensor."""
+        for sensor in self._sensors:
+            yield from self._norm_finding(sensor)
+            if sensor in self.frozen_longest:
+                longest = self.frozen_longest[sensor]
+                yield f"{sensor} repeats one acceleration for {longest:.1f} s while others change: frozen?"
+            if count := self.saturated.get(sensor, 0):
+                yield f"{sensor}: {self.saturation_text(sensor, count, received[sensor])}"
+
+    def saturation_text(self, sensor: str, count: int, of: int) -> str:
+        """`count` of `of` samples are saturated: what to say of it."""
+        full_scale = self._sensors[sensor].accel_range / STANDARD_GRAVITY
+        return f"{count} of {of} accelerations saturated (full scale {full_scale:.3g} g)"
+
+    def _norm_finding(self, sensor: str) -> Iterator[str]:
+        norm = self.rest_norm.get(sensor, STANDARD_GRAVITY)
+        if abs(norm / STANDARD_GRAVITY - 1.0) <= NORM_TOLERANCE:
+            return
+        for unit, gravity in _UNITS.items():
+            if abs(norm / gravity - 1.0) <= 2.0 * NORM_TOLERANCE:
+                yield f"{sensor} reads {norm:.2f} at rest: is it in {unit} instead of m/s^2?"
+                return
+        yield (
+            f"{sensor} reads {norm:.2f} m/s^2 at rest, gravity is {STANDARD_GRAVITY:.2f}: "
+            "wrong units or full scale, or calibrate it (jointest calibrate accel)"
+        )
+
+    def _judge_rest(self) -> None:
+        """Find the sensors that were at rest over the window, and the norm of what they read."""
+        for sensor in self._sensors:
+            accel = np.array([frame.accel[sensor] for frame in self._frames if sensor in frame.accel])
+            gyro = np.array([frame.gyro[sensor] for frame in self._frames if sensor in frame.gyro])
+            if len(accel) < _FEWEST or (gyro.size and np.abs(gyro).max() > _REST_GYRO):
+                continue
+            norm = float(np.linalg.norm(accel.mean(axis=0)))
+            if accel.std(axis=0).max() <= _REST_ACCEL * norm:
+                self.rest_norm[sensor] = norm

@@ -1,0 +1,13 @@
+"""`ros2 run jointest_ros accel_ekf_node --ros-args -p config:=robot.yaml`.
+
+Joint angles and link rates from two or more accelerometers on each link, by an extended Kalman filter.
+"""
+
+from __future__ import annotations
+
+from jointest_ros.nodes.estimator_node import run
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable."""
+    return run("accel_ekf", __doc__, args)
