@@ -31,7 +31,15 @@ from jointest_ros.nodes import spin
 from jointest_ros.nodes.arrival import arrivals
 from jointest_ros.nodes.diagnostics import Diagnostics
 from jointest_ros.nodes.messages import CLASSES, labelled_array
-from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
+from jointest_ros.nodes.parameters import (
+    ProcessParams,
+    check_names,
+    construction,
+    declare,
+    follow,
+    overrides,
+    tunable,
+)
 
 _NO_DATA = 1.0  # s without frames after which there is nothing to calibrate from
 
@@ -88,21 +96,23 @@ class EstimatorNode(Node):
                 "config: '' is not allowed; give the path of a configuration: -p config:=robot.yaml"
             )
         configuration = config.load(params.config)
-        chosen = declare(self, kind.Params, configuration.estimators.get(kind.name))
+        chosen = declare(self, kind.Params, configuration.estimators.get(kind.name), tunable(kind.Params))
+        make = partial(kind, configuration.robot, timing=configuration.timing)
         try:
-            self.estimator = kind(configuration.robot, chosen, configuration.timing)
+            self.estimator: Estimator = make(chosen)
         except ConfigurationError as error:
             raise ConfigurationError(f"{params.config}: {error}") from None
+        follow(self, chosen, partial(self._retuned, make))
         self.intake = Intake(configuration.robot, configuration.timing)
         self.estimates = 0
         self._estimated = -math.inf  # monotonic s, when the latest estimate was made
         self._output = JointStateOutput(self.estimator.joints)
         self._publish_states = self.create_publisher(JointState, "joint_states", 1000).publish
         self._covariance = self.create_publisher(Float64MultiArray, "joint_covariance", 10)
-        self._by_name = [(self.create_publisher(Float64MultiArray, "biases", 10), self.estimator.biases)]
+        self._by_name = [(self.create_publisher(Float64MultiArray, "biases", 10), kind.biases)]
         if kind.link_velocities is not Estimator.link_velocities:
             velocities = self.create_publisher(Float64MultiArray, "link_velocities", 10)
-            self._by_name.append((velocities, self.estimator.link_velocities))
+            self._by_name.append((velocities, kind.link_velocities))
         self._torso_frame = self.estimator.torso.first if self.estimator.torso else ""
         if self._torso_frame:
             self._publish_angle = self.create_publisher(Vector3Stamped, "torso_angle", 1000).publish
@@ -155,21 +165,34 @@ class EstimatorNode(Node):
             self._covariance.publish(labelled_array(list(self.estimator.joints), matrix))
         for publisher, values_of in self._by_name:
             if publisher.get_subscription_count():
-                values = values_of()
+                values = values_of(self.estimator)
                 publisher.publish(labelled_array(list(values), list(values.values())))
 
     # ------------------------------------------------------------- services
 
     def _offer_services(self) -> None:
-        self._serve("reset", self.estimator.reset, "started afresh")
+        self._serve("reset", self._reset, "started afresh")
         for name in ("calibrate_zero", "calibrate_gyro_bias"):
             if hasattr(self.estimator, name):
-                self._serve(name, partial(self._calibrate, getattr(self.estimator, name)), "done")
+                self._serve(name, partial(self._calibrate, name), "done")
 
-    def _calibrate(self, action: Callable[[], None]) -> None:
+    def _reset(self) -> None:
+        self.estimator.reset()
+
+    def _calibrate(self, name: str) -> None:
         if time.monotonic() - self._estimated > _NO_DATA:
             raise CalibrationError("no data arrives: see /diagnostics for which topics are silent")
-        action()
+        getattr(self.estimator, name)()
+
+    def _retuned(self, make: Callable[[Any], Estimator], params: Any) -> Callable[[], None]:
+        """The estimator with other parameters, which goes on where the present one is."""
+        successor = make(params)
+
+        def replace() -> None:
+            successor.set_state(self.estimator.get_state())
+            self.estimator = successor
+
+        return replace
 
     def _serve(self, name: str, action: Callable[[], None], done: str) -> None:
         def answer(_request: Any, response: Any) -> Any:

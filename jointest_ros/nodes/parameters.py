@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -28,8 +28,8 @@ class ProcessParams(Params):
     )
 
 
-def declare(node: Node, kind: type[ParamsT], defaults: ParamsT | None = None) -> ParamsT:
-    """Declare every field of `kind` as a read-only parameter; return what is in force.
+def declare(node: Node, kind: type[ParamsT], defaults: ParamsT | None = None, tunable: Collection[str] = ()) -> ParamsT:
+    """Declare every field of `kind` as a parameter, read-only unless it is `tunable`; return what is in force.
 
     Types are left open so that `-p kp:=1` is as good as `1.0`; the `Params` class checks them.
 
@@ -42,12 +42,48 @@ def declare(node: Node, kind: type[ParamsT], defaults: ParamsT | None = None) ->
         descriptor = ParameterDescriptor(
             description=f"{spec.metadata['description']}{unit}",
             additional_constraints=allowed_text(spec),
-            read_only=True,
+            read_only=spec.name not in tunable,
             dynamic_typing=True,
         )
         default = getattr(defaults, spec.name) if defaults is not None else spec.default
         values[spec.name] = node.declare_parameter(spec.name, default, descriptor).value
     return kind.from_mapping(values)
+
+
+def tunable(kind: type[Params]) -> frozenset[str]:
+    """The fields that can change while an estimator runs: numbers with a fraction. The others shape its state."""
+    return frozenset(spec.name for spec in dataclasses.fields(kind) if isinstance(spec.default, float))
+
+
+def follow(node: Node, params: ParamsT, prepare: Callable[[ParamsT], Callable[[], None]]) -> None:
+    """Let the tunable fields of `params` be set while the node runs.
+
+    `prepare` is called with the new parameters and gives what is to be done once they are in force; it refuses by a
+    ConfigurationError, whose text is the reason that the caller of the service gets.
+    """
+    names, pending = tunable(type(params)), [lambda: None]
+
+    def on_set(changes: list[Parameter]) -> SetParametersResult:
+        changed = {one.name: one.value for one in changes if one.name in names}
+        pending[0] = lambda: None
+        if not changed:
+            return SetParametersResult(successful=True)
+        try:
+            wanted = type(params).from_mapping({**dataclasses.asdict(params), **changed})
+            apply = prepare(wanted)
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+
+        def confirmed() -> None:
+            nonlocal params
+            params = wanted
+            apply()
+
+        pending[0] = confirmed
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(on_set)
+    node.add_post_set_parameters_callback(lambda _: pending[0]())
 
 
 def check_names(node: Node, *kinds: type[Params]) -> None:

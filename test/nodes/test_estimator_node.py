@@ -19,9 +19,11 @@ from std_msgs.msg import Float64MultiArray
 from without_ros import assert_same, estimate, make, simulated, stamp
 
 from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.frame import Series
 from jointest_ros.core.pcf.pcf import PcfParams
 from jointest_ros.nodes import estimator_node
 from jointest_ros.nodes.estimator_node import EstimatorNode, NodeParams
+from jointest_ros.nodes.parameters import tunable
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode
 
 JOINTS = ("finger_mcp", "finger_pip", "finger_dip")
@@ -66,7 +68,7 @@ def test_parameters_are_described(bench: Bench, finger_config: Path) -> None:
     for descriptor in node.describe_parameters(names):
         assert descriptor.description
         assert descriptor.additional_constraints
-        assert descriptor.read_only
+        assert descriptor.read_only == (descriptor.name not in tunable(PcfParams))
     described = dict(zip(names, node.describe_parameters(names), strict=True))
     assert "[1/s]" in described["kp"].description
     assert described["kp"].additional_constraints == "0 to 100 1/s"
@@ -81,13 +83,55 @@ def test_parameters_have_the_values_of_the_configuration(bench: Bench, finger_co
     assert node.estimator.params.kp == 2.0
 
 
-def test_parameters_cannot_be_set_while_it_runs(bench: Bench, finger_config: Path) -> None:
+def set_parameters(bench: Bench, node: EstimatorNode, **values_: Any) -> list[tuple[bool, str]]:
+    """Whether each was taken, and the reason where not: as `ros2 param set` does it."""
+    changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values_.items()]
+    request = SetParameters.Request(parameters=changes)
+    response = bench.call(SetParameters, f"{node.get_fully_qualified_name()}/set_parameters", request)
+    return [(result.successful, result.reason) for result in response.results]
+
+
+def test_what_shapes_the_estimator_cannot_be_set_while_it_runs(bench: Bench, finger_config: Path) -> None:
     node = bench.estimator(finger_config)
-    request = SetParameters.Request(parameters=[Parameter("kp", value=3.0).to_parameter_msg()])
-    (result,) = bench.call(SetParameters, f"{node.get_fully_qualified_name()}/set_parameters", request).results
-    assert not result.successful
-    assert "read-only" in result.reason
-    assert node.get_parameter("kp").value == node.estimator.params.kp == 1.0
+    estimator = node.estimator
+    ((taken, reason),) = set_parameters(bench, node, formulation="relative")
+    assert not taken
+    assert "read-only" in reason
+    assert node.estimator is estimator
+    assert node.get_parameter("formulation").value == estimator.params.formulation == "hinge"
+
+
+def test_gains_change_while_it_runs_and_the_state_stays(bench: Bench, finger_config: Path) -> None:
+    node = bench.estimator(finger_config, formulation="relative")
+    states = bench.listen("joint_states")
+    first, second = MOVING[: len(MOVING) // 2], MOVING[len(MOVING) // 2 :]
+    bench.send(node, first)
+    assert set_parameters(bench, node, kp=3, floor_deg=0.5) == [(True, ""), (True, "")]
+    assert node.get_parameter("kp").value == 3
+    bench.send(node, second)
+
+    before, intake = make(finger_config, formulation="relative")
+    after, _ = make(finger_config, formulation="relative", kp=3.0, floor_deg=0.5)
+    expected = [before.update(frame) for topic, data in first for frame in intake.handlers[topic](data, 0)]
+    after.set_state(before.get_state())
+    expected += [after.update(frame) for topic, data in second for frame in intake.handlers[topic](data, 0)]
+    bench.until(lambda: len(states) >= len(expected), f"{len(expected)} states")
+    assert_same(states, (Series.from_estimates(expected, len(after.joints)), after.joints))
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"), [(-1.0, "kp: -1.0 is not allowed; give 0 to 100 1/s"), ("a", "kp: 'a' is not allowed")]
+)
+def test_a_gain_that_is_not_allowed_is_refused_while_it_runs(
+    bench: Bench, finger_config: Path, value: Any, reason: str
+) -> None:
+    node = bench.estimator(finger_config)
+    estimator = node.estimator
+    ((taken, told),) = set_parameters(bench, node, kp=value)
+    assert not taken
+    assert reason in told
+    assert node.estimator is estimator
+    assert node.get_parameter("kp").value == 1.0
 
 
 @pytest.mark.parametrize(
