@@ -11,6 +11,7 @@ import pytest
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from ros_bench import Bench, queue
 from std_msgs.msg import Float32MultiArray
+from without_ros import write_simulation
 
 from jointest_ros import config
 from jointest_ros.bags import offline, synthetic
@@ -18,7 +19,6 @@ from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, NANOSECONDS
 from jointest_ros.bags.cdr_encode import encode_float32_multiarray
 from jointest_ros.bags.intake import HALL_TOPIC, Intake
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.bags.writer import BagWriter
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.frame import Estimate
 from jointest_ros.nodes.estimator_node import EstimatorNode
@@ -38,12 +38,7 @@ def exoshell() -> Path:
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """The same simulation as a recording."""
-    with BagWriter(tmp_path / "bag") as writer:
-        for topic, msgtype in synthetic.topics(next(stretches(ExoshellOptions(**OPTIONS))).robot).items():
-            writer.add_topic(f"/{topic}", msgtype)
-        for stamp, topic, data in MESSAGES:
-            writer.write(f"/{topic}", stamp, data)
-    return tmp_path / "bag"
+    return write_simulation(tmp_path / "bag", "exoshell", **OPTIONS)
 
 
 def evaluate(recording: Path, path: Path, name: str) -> list[Estimate]:

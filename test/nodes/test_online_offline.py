@@ -8,24 +8,9 @@ from typing import Any
 
 import pytest
 from ros_bench import Bench, received
-from without_ros import assert_same, evaluate, shown
-
-from jointest_ros.bags import synthetic
-from jointest_ros.bags.writer import BagWriter
-from jointest_ros.sim.scenarios import SCENARIOS
+from without_ros import assert_same, evaluate, shown, write_simulation
 
 EXECUTORS = pytest.mark.parametrize("executor", ["events", "single"])
-
-
-def write_simulation(path: Path, source: str, **options: Any) -> Path:
-    rig = SCENARIOS[source]
-    chosen = rig.options(**options)
-    with BagWriter(path) as writer:
-        for topic, msgtype in synthetic.topics(next(rig.stretches(chosen)).robot).items():
-            writer.add_topic(f"/{topic}", msgtype)
-        for stamp, topic, data in synthetic.messages(rig.stretches(chosen)):
-            writer.write(f"/{topic}", stamp, data)
-    return path
 
 
 def play_and_compare(bench: Bench, recording: Path, config: Path, **parameters: Any) -> None:

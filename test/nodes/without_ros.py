@@ -13,6 +13,7 @@ from jointest_ros import config
 from jointest_ros.bags import offline, synthetic
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.writer import BagWriter
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Series, Status
@@ -29,6 +30,18 @@ def simulated(source: str = "finger", **options: Any) -> list[Message]:
     rig = SCENARIOS[source]
     messages = synthetic.messages(rig.stretches(rig.options(**options)))
     return [(topic, data) for _, topic, data in messages if not topic.startswith("ground_truth/")]
+
+
+def write_simulation(path: Path, source: str, **options: Any) -> Path:
+    """The recording of a simulation."""
+    rig = SCENARIOS[source]
+    chosen = rig.options(**options)
+    with BagWriter(path) as writer:
+        for topic, msgtype in synthetic.topics(next(rig.stretches(chosen)).robot).items():
+            writer.add_topic(f"/{topic}", msgtype)
+        for stamp, topic, data in synthetic.messages(rig.stretches(chosen)):
+            writer.write(f"/{topic}", stamp, data)
+    return path
 
 
 def make(path: Path, name: str = "pcf", **parameters: Any) -> tuple[Estimator, Intake]:
