@@ -46,6 +46,7 @@ class Intake:
         self.handlers: dict[str, Handler] = {}
         self._refused: dict[str, Counter[str]] = {}
         self._sources: dict[str, list[Source]] = {}
+        self._accels: dict[str, list[str]] = {}  # topic -> its accelerometers
         imus: dict[str, list[Sensor]] = {}
         for sensor in robot.sensors:
             if sensor.gyro or sensor.accel:
@@ -54,6 +55,7 @@ class Intake:
             # an empty frame id stands for any; `Robot` sees to it that it is then the only one
             self._add(topic, IMU, self._imu_handler(topic, {sensor.frame_id: sensor.name for sensor in sensors}))
             self._sources[topic] = [self.assembler.sources[sensor.name] for sensor in sensors]
+            self._accels[topic] = [sensor.name for sensor in sensors if sensor.accel]
         for sensor in robot.sensors:
             if sensor.mag:
                 self._add(sensor.mag_topic, MAGNETIC_FIELD, self._mag_handler(sensor))
@@ -71,6 +73,20 @@ class Intake:
             messages += source.received
             used += source.used
         return {"messages": messages, "used": used, "refused": dict(refused)}
+
+    def findings(self, topic: str) -> list[str]:
+        """What is wrong with the accelerometers of one topic now, though their samples are sound."""
+        return [text for sensor in self._accels.get(topic, ()) for text in self.assembler.quality.findings(sensor)]
+
+    def saturated(self, topic: str) -> dict[str, int]:
+        """Accelerometer of one topic -> number of its saturated samples; only those of known full scale."""
+        counts = self.assembler.quality.saturated
+        return {sensor: counts[sensor] for sensor in self._accels.get(topic, ()) if sensor in counts}
+
+    def warnings(self) -> list[str]:
+        """What was wrong with the accelerometers in all that was received, a line each."""
+        received = {sensor: source.received for sensor, source in self.assembler.sources.items()}
+        return list(self.assembler.quality.summary(received))
 
     def flush(self) -> list[Frame]:
         """The end of the stream: the frames that still waited."""

@@ -11,16 +11,24 @@ from typing import Any
 
 import numpy as np
 
-from jointest_ros.bags.cdr import JOINT_STATE, QUATERNION_STAMPED, decode_joint_state, decode_quaternion_stamped
+from jointest_ros.bags.cdr import (
+    BOOL,
+    JOINT_STATE,
+    QUATERNION_STAMPED,
+    decode_bool,
+    decode_joint_state,
+    decode_quaternion_stamped,
+)
 from jointest_ros.bags.errors import BagError, CdrError
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.estimator import Estimator
-from jointest_ros.core.frame import Estimate, Frame, Series
+from jointest_ros.core.frame import Estimate, Frame, Recording, Series
 from jointest_ros.evaluation.truth import Truth
 
 TRUTH_JOINTS = "ground_truth/joint_states"
 TRUTH_ORIENTATION = "ground_truth/imu_orientation"
+TRUTH_MOVEMENT = "ground_truth/movement"
 _CHUNK = 2048  # frames between progress reports
 
 Progress = Callable[[int, int], None]  # messages done, messages in all
@@ -64,6 +72,20 @@ class SeriesSink:
     def series(self, name: str) -> Series:
         """All estimates of one estimator."""
         return Series.concatenate(self._parts[name] or [Series.from_estimates([], self._joints[name])])
+
+
+class RecordingSink:
+    """Collects frames as arrays."""
+
+    def __init__(self) -> None:
+        self._parts: list[Recording] = []
+
+    def __call__(self, frames: list[Frame]) -> None:
+        self._parts.append(Recording.from_frames(frames))
+
+    def recording(self) -> Recording:
+        """All frames."""
+        return Recording.concatenate(self._parts or [Recording.from_frames([])])
 
 
 def has_truth(reader: BagReader, namespace: str = "") -> bool:
@@ -158,12 +180,17 @@ def run(
                 frames = []
                 progress(done, total)
         else:
-            truth.handlers[topic](data)
+            truth.handlers[topic](data, time)
     frames += intake.flush()
     if frames:
         estimate(frames)
     progress(done, total)
     outcome.inputs = {topic: intake.counts(name) for topic, name in found.items()}
+    if estimators:
+        outcome.warnings += [f"{reader.path}: {text}" for text in intake.warnings()]
+    outcome.warnings += [
+        f"{reader.path}: {name}: {text}" for name, estimator in estimators.items() for text in estimator.warnings()
+    ]
     outcome.truth = truth.truth()
     outcome.nis = {name: squares / number if number else None for name, (squares, number) in innovations.items()}
     outcome.ns_per_frame = {name: ns / outcome.frames if outcome.frames else None for name, ns in spent.items()}
@@ -180,19 +207,21 @@ class _TruthReader:
 
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self.refused = 0
-        self.handlers: dict[str, Callable[[bytes], None]] = {}
+        self.handlers: dict[str, Callable[[bytes, int], None]] = {}
         self._names: tuple[str, ...] = ()
         self._joints: dict[str, tuple[array[float], array[float]]] = {}
         self._stamps = array("q")
         self._orientation: dict[str, tuple[array[int], array[float]]] = {}
+        self._movement: list[tuple[int, bool]] = []
         for name, msgtype, handler in (
             (TRUTH_JOINTS, JOINT_STATE, self._joint_state),
             (TRUTH_ORIENTATION, QUATERNION_STAMPED, self._orientation_of),
+            (TRUTH_MOVEMENT, BOOL, self._movement_at),
         ):
             if reader.resolve(name, namespace) is not None:
                 self.handlers[reader.require(name, msgtype, namespace)] = handler
 
-    def _joint_state(self, data: bytes) -> None:
+    def _joint_state(self, data: bytes, _time: int) -> None:
         try:
             stamp, names, position, velocity = decode_joint_state(data)
         except CdrError:
@@ -211,7 +240,14 @@ class _TruthReader:
             p.append(positions.get(name, math.nan))
             v.append(velocities.get(name, math.nan))
 
-    def _orientation_of(self, data: bytes) -> None:
+    def _movement_at(self, data: bytes, time: int) -> None:
+        """The message has no stamp: its record time stands for it."""
+        try:
+            self._movement.append((time, decode_bool(data)))
+        except CdrError:
+            self.refused += 1
+
+    def _orientation_of(self, data: bytes, _time: int) -> None:
         try:
             stamp, sensor, quaternion = decode_quaternion_stamped(data)
         except CdrError:
@@ -237,4 +273,5 @@ class _TruthReader:
                 sensor: (np.frombuffer(stamps, dtype=np.int64), np.frombuffer(rows).reshape(-1, 4))
                 for sensor, (stamps, rows) in self._orientation.items()
             },
+            tuple(self._movement),
         )

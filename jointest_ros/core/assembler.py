@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 from jointest_ros.core.assembler_inputs import NEVER, HallQueue, Source
 from jointest_ros.core.frame import Frame, Vec3
+from jointest_ros.core.input_quality import InputQuality, saturation_limit
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.timing import Timing
 
@@ -62,6 +63,15 @@ def calibrated(reading: Vec3, row_x: Vec3, row_y: Vec3, row_z: Vec3, offset: Vec
     )
 
 
+def _unsound(gyro: tuple[float, ...], accel: tuple[float, ...]) -> str:
+    """Why a sample with these fields in use is refused; "" where it is not."""
+    if not all(map(math.isfinite, gyro + accel)):
+        return "not finite"
+    if sum(map(abs, gyro)) < IMPLAUSIBLE_GYRO and sum(map(abs, accel)) < IMPLAUSIBLE_ACCEL:
+        return ""
+    return "implausible"
+
+
 class FrameAssembler:
     """Assembles frames for `sensors`; every `add_*` returns the frames that became ready, in order of their stamps.
 
@@ -74,6 +84,7 @@ class FrameAssembler:
         sources, mag_sources: sensor -> what it delivered; `hall_source`: the same of the Hall topic.
         frames, partial: how many were emitted, and how many of them with a sensor missing.
         gaps, resets: how many were confirmed.
+        quality: what it finds wrong with accelerometers in sound samples.
     """
 
     def __init__(self, sensors: Iterable[Sensor], timing: Timing | None = None, hall_width: int = 0) -> None:
@@ -87,7 +98,10 @@ class FrameAssembler:
         self.partial = 0
         self.resets = 0
         self.gaps = 0
+        self.quality = InputQuality(sensors)
         self._in_use = {s.name: (s.gyro, s.accel, round(s.delay * 1e9)) for s in sensors}
+        # the sum of all axes is checked against it: a smaller one needs no closer look
+        self._conspicuous = {s.name: min(IMPLAUSIBLE_ACCEL, saturation_limit(s)) for s in sensors}
         self._accel_calibrations = {s.name: (*s.accel_matrix, s.accel_offset) for s in sensors if s.accel_calibrated}
         self._expected = frozenset(self.sources)
         self._max_gap = round(self.timing.max_gap * 1e9)
@@ -113,11 +127,13 @@ class FrameAssembler:
         stamp -= delay
         # The comparison is false for NaN and infinity too.
         if (uses_gyro and not abs(gyro[0]) + abs(gyro[1]) + abs(gyro[2]) < IMPLAUSIBLE_GYRO) or (
-            uses_accel and not abs(accel[0]) + abs(accel[1]) + abs(accel[2]) < IMPLAUSIBLE_ACCEL
+            uses_accel and not abs(accel[0]) + abs(accel[1]) + abs(accel[2]) < self._conspicuous[sensor]
         ):
-            in_use = (gyro if uses_gyro else ()) + (accel if uses_accel else ())
-            source.refused["implausible" if all(map(math.isfinite, in_use)) else "not finite"] += 1
-            return []
+            cause = _unsound(gyro if uses_gyro else (), accel if uses_accel else ())
+            if cause:
+                source.refused[cause] += 1
+                return []
+            self.quality.note(sensor, accel)
         if arrival != self._arrival:
             self._note_arrival(arrival)
         if self._newest == NEVER:
@@ -302,6 +318,7 @@ class FrameAssembler:
         frame.reset, self._reset_next = self._reset_next, False
         self.frames += 1
         self.partial += bool(pending.missing)
+        self.quality.add(frame)
         self._emitted = frame.stamp
         return frame
 

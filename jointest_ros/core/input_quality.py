@@ -1,7 +1,7 @@
 """What is wrong with an accelerometer though every sample of it is sound: saturated, frozen, other units, far from g.
 
 `saturation` and `Frozen` are the definitions, for estimators too. `InputQuality` watches a stream of frames by them, at
-a cost that does not count: it looks at one frame in 20 ms.
+a cost that does not count: it looks at one frame in 50 ms.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
 
 SATURATED = 0.99  # share of the full scale; with noise and rounding, a clipped axis does not read exactly that
 FROZEN_AFTER = 500_000_000  # ns
-MOVED = 0.5  # m/s^2, by which another accelerometer changes where a frozen one stays: more than noise or a coarse digit
+MOVED = 0.5  # m/s^2, by which another accelerometer of a moving link changes: more than noise or a coarse digit
+TURNS = 0.2  # rad/s, rate of a gyro on a moving link: more than a bias
 NORM_TOLERANCE = 0.05  # share of g: more than latitude (0.3 %) and the offsets of a calibrated sensor
 
-_LOOK = 20_000_000  # ns between frames that are looked at
+_LOOK = 50_000_000  # ns between frames that are looked at
 _WINDOW = 1_000_000_000  # ns over which rest is judged
 _FEWEST = 8  # samples in a window
 _REST_ACCEL = 0.02  # largest standard deviation of an axis at rest, as a share of the norm: the units are in doubt
 _REST_GYRO = 0.1  # rad/s, largest rate of an axis at rest, a bias included
+_NO_GYRO: Mapping[str, Vec3] = {}
 _UNITS = {"g": 1.0, "mg": 1000.0}  # what a sensor at rest reads in them
 
 
@@ -45,47 +47,52 @@ def saturation(sensor: Sensor) -> Callable[[Vec3], bool]:
 
 
 class Frozen:
-    """Finds accelerometers that repeat one reading to the last bit for half a second while another one changes.
+    """Finds accelerometers that repeat one reading to the last bit for half a second while their link moves.
 
-    The other one is of the same link, where there is one, so that a link at rest whose sensor has coarse digits is not
-    taken for frozen; without one, any other of the robot. A sensor stays frozen until its reading changes.
+    The link moves where another accelerometer of it changes, or the sensor's own gyro tells so. What other links do
+    says nothing: a sensor with coarse digits on a link at rest may well repeat a reading for minutes. A sensor stays
+    frozen until its reading changes.
 
     Args:
-        sensors: of the robot or of an array; those without an accelerometer do not count.
+        sensors: of the robot or of an array.
+        after: ns; an estimator takes a repeated reading of a link that moves for none, at once (0).
 
     Attributes:
         since: sensors that are frozen -> stamp of the first of the equal readings, ns.
     """
 
-    def __init__(self, sensors: Iterable[Sensor]) -> None:
-        sensors = [sensor for sensor in sensors if sensor.accel]
-        self._others: dict[str, tuple[str, ...]] = {}
-        for sensor in sensors:
-            others = [other for other in sensors if other.name != sensor.name]
-            beside = [other for other in others if other.link == sensor.link]
-            self._others[sensor.name] = tuple(other.name for other in beside or others)
-        self._held: dict[str, tuple[Vec3, int, Mapping[str, Vec3]]] = {}  # reading, when it was new, all of that time
+    def __init__(self, sensors: Iterable[Sensor], after: int = FROZEN_AFTER) -> None:
+        sensors, self._after = list(sensors), after
+        self._beside = {
+            sensor.name: [other.name for other in sensors if other.link == sensor.link and other is not sensor]
+            for sensor in sensors
+        }
+        self._held: dict[str, tuple[int, Mapping[str, Vec3]]] = {}  # when a reading was new, and all others of then
         self.since: dict[str, int] = {}
 
-    def update(self, stamp: int, accel: Mapping[str, Vec3]) -> None:
-        """Take the readings of one frame (stamp ns); it keeps the mapping, which must not change any more."""
+    def update(self, stamp: int, accel: Mapping[str, Vec3], gyro: Mapping[str, Vec3] = _NO_GYRO) -> None:
+        """Take the readings of a frame (stamp ns), which must not change any more; not every frame is needed."""
         held = self._held
-        for sensor, reading in accel.items():
+        for sensor in self._beside:
+            reading = accel.get(sensor)
+            if reading is None:
+                continue
             last = held.get(sensor)
-            if last is None or reading != last[0]:
-                held[sensor] = (reading, stamp, accel)
+            if last is None or reading != last[1][sensor]:
+                held[sensor] = (stamp, accel)
                 if self.since:
                     self.since.pop(sensor, None)
-            elif stamp - last[1] >= FROZEN_AFTER and sensor not in self.since and self._moved(sensor, last[2], accel):
-                self.since[sensor] = last[1]
+            elif stamp - last[0] >= self._after and sensor not in self.since:
+                turns = sensor in gyro and max(map(abs, gyro[sensor])) > TURNS
+                if turns or self._moved(sensor, last[1], accel):
+                    self.since[sensor] = last[0]
 
     def _moved(self, sensor: str, before: Mapping[str, Vec3], now: Mapping[str, Vec3]) -> bool:
-        for other in self._others.get(sensor, ()):
-            if other in before and other in now:
-                changes = (abs(a - b) for a, b in zip(before[other], now[other], strict=True))
-                if max(changes) > MOVED:
-                    return True
-        return False
+        return any(
+            math.dist(before[other], now[other]) > MOVED
+            for other in self._beside[sensor]
+            if other in before and other in now
+        )
 
     def clear(self) -> None:
         """Forget everything."""
@@ -95,22 +102,17 @@ class Frozen:
     def get_state(self) -> dict[str, Any]:
         """All that changes, as plain numbers, lists and dicts."""
         return {
-            "held": {sensor: [reading, stamp, dict(accel)] for sensor, (reading, stamp, accel) in self._held.items()},
+            "held": {sensor: [stamp, dict(accel)] for sensor, (stamp, accel) in self._held.items()},
             "since": dict(self.since),
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`, from YAML and JSON as well."""
         self._held = {
-            sensor: (_vector(reading), stamp, {other: _vector(values) for other, values in accel.items()})
-            for sensor, (reading, stamp, accel) in state["held"].items()
+            sensor: (stamp, {other: (x, y, z) for other, (x, y, z) in accel.items()})
+            for sensor, (stamp, accel) in state["held"].items()
         }
         self.since = dict(state["since"])
-
-
-def _vector(values: Iterable[float]) -> Vec3:
-    x, y, z = values
-    return (x, y, z)
 
 
 class InputQuality:
@@ -146,7 +148,7 @@ class InputQuality:
             self._frozen.clear()
             self._frames.clear()
         self._next = frame.stamp + _LOOK
-        self._frozen.update(frame.stamp, frame.accel)
+        self._frozen.update(frame.stamp, frame.accel, frame.gyro)
         for sensor, since in self._frozen.since.items():
             self.frozen_longest[sensor] = max(self.frozen_longest.get(sensor, 0.0), (frame.stamp - since) * 1e-9)
         self._frames.append(frame)
@@ -158,7 +160,7 @@ class InputQuality:
         """What is wrong with a sensor now, a text each."""
         yield from self._norm_finding(sensor)
         if sensor in self._frozen.since:
-            yield f"{sensor} repeats one acceleration while others change: frozen?"
+            yield f"{sensor} repeats one acceleration while its link moves: frozen?"
 
     def summary(self, received: Mapping[str, int]) -> Iterator[str]:
         """What was wrong with a whole recording, a line each; `received`: samples by sensor."""
@@ -166,14 +168,14 @@ class InputQuality:
             yield from self._norm_finding(sensor)
             if sensor in self.frozen_longest:
                 longest = self.frozen_longest[sensor]
-                yield f"{sensor} repeats one acceleration for {longest:.1f} s while others change: frozen?"
+                yield f"{sensor} repeats one acceleration for {longest:.1f} s while its link moves: frozen?"
             if count := self.saturated.get(sensor, 0):
-                yield f"{sensor}: {self.saturation_text(sensor, count, received[sensor])}"
+                yield f"{self.saturation_text(sensor, count)}, {count / received[sensor]:.1%} of all"
 
-    def saturation_text(self, sensor: str, count: int, of: int) -> str:
-        """`count` of `of` samples are saturated: what to say of it."""
+    def saturation_text(self, sensor: str, count: int) -> str:
+        """What to say of `count` saturated samples."""
         full_scale = self._sensors[sensor].accel_range / STANDARD_GRAVITY
-        return f"{count} of {of} accelerations saturated (full scale {full_scale:.3g} g)"
+        return f"{sensor}: {count} samples saturated at the full scale of {full_scale:.3g} g"
 
     def _norm_finding(self, sensor: str) -> Iterator[str]:
         norm = self.rest_norm.get(sensor, STANDARD_GRAVITY)
