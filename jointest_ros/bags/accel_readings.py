@@ -1,0 +1,77 @@
+"""The accelerometer readings of a recording, uncalibrated, at the stamps of the frames that estimators would get."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointest_ros.bags import offline
+from jointest_ros.bags.errors import BagError
+from jointest_ros.bags.intake import Intake
+from jointest_ros.bags.reader import BagReader
+from jointest_ros.core.frame import FloatArray, Frame, Recording
+from jointest_ros.core.robot import UNCALIBRATED_MATRIX, Robot
+from jointest_ros.core.timing import Timing
+
+
+@dataclass
+class AccelReadings:
+    """T readings of each accelerometer that gave any.
+
+    Attributes:
+        stamps: (T,) ns, rising.
+        accel: sensor -> (T, 3) as it came, m/s^2 if its driver keeps to the convention; NaN where there is none.
+        warnings: what a user should know, one line each.
+        damage: why the recording could not be read to its end; empty when it could.
+    """
+
+    stamps: NDArray[np.int64]
+    accel: dict[str, FloatArray]
+    warnings: list[str]
+    damage: str
+
+
+def read_accel(
+    reader: BagReader,
+    robot: Robot,
+    timing: Timing,
+    namespace: str = "",
+    progress: offline.Progress = lambda done, total: None,
+) -> AccelReadings:
+    """Read them from an open recording.
+
+    Raises:
+        BagError: none of the topics is in the recording, one is of another type, or no message can be used.
+    """
+    raw = replace(
+        robot,
+        sensors=tuple(
+            replace(sensor, accel_matrix=UNCALIBRATED_MATRIX, accel_offset=(0.0, 0.0, 0.0)) for sensor in robot.sensors
+        ),
+    )
+    parts: list[Recording] = []
+
+    def collect(frames: list[Frame]) -> None:
+        parts.append(Recording.from_frames(frames))
+
+    outcome = offline.run(
+        reader,
+        Intake(raw, timing),
+        {},
+        lambda name, estimates: None,
+        namespace=namespace,
+        progress=progress,
+        frame_sink=collect,
+    )
+    sensors = [sensor.name for sensor in robot.sensors if any(sensor.name in part.accel for part in parts)]
+    if not sensors:
+        raise BagError(f"{reader.path}: no accelerometer message could be used")
+    stamps = np.concatenate([part.stamps for part in parts])
+    rising = stamps > np.append(np.iinfo(np.int64).min, np.maximum.accumulate(stamps)[:-1])
+    accel = {}
+    for sensor in sensors:
+        rows = [part.accel.get(sensor, np.full((len(part), 3), np.nan)) for part in parts]
+        accel[sensor] = np.concatenate(rows)[rising]
+    return AccelReadings(stamps[rising], accel, outcome.warnings, outcome.damage)
