@@ -127,6 +127,13 @@ def decode_quaternion_stamped(data: bytes) -> tuple[int, str, Quat]:
         raise _refusal(QUATERNION_STAMPED, data, error) from None
 
 
+def decode_bool(data: bytes) -> bool:
+    """Value of a std_msgs/Bool."""
+    if data[:2] != b"\0\1" or len(data) < 5:
+        raise _refusal(BOOL, data, ValueError("not CDR little endian" if len(data) >= 5 else "too short"))
+    return data[4] != 0
+
+
 def decode_joint_state(data: bytes) -> tuple[int, tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
     """Stamp (ns), names, positions (rad), velocities (rad/s) of a sensor_msgs/JointState.
 

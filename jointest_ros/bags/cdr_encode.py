@@ -26,22 +26,23 @@ from jointest_ros.bags.errors import CdrError
 from jointest_ros.core.frame import Quat, Vec3
 
 _clock = Struct(PREAMBLE)
-_NO_ORIENTATION = struct.pack("<4d9d", 0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)
+_ABSENT = struct.pack("<9d", -1.0, *(0.0,) * 8)  # covariance of what a sensor does not have
+_NO_ORIENTATION = struct.pack("<4d", 0.0, 0.0, 0.0, 1.0) + _ABSENT
 
 
 class ImuEncoder:
     """sensor_msgs/Imu messages of one sensor without an orientation of its own.
 
-    As Imu.msg has it, the orientation's covariance begins with -1 (the orientation itself is the default of
-    geometry_msgs/Quaternion, the identity); a covariance of zeros means "unknown".
+    As Imu.msg has it, the covariance of what a sensor does not have begins with -1, that of the orientation always (the
+    orientation itself is the default of geometry_msgs/Quaternion, the identity); a covariance of zeros means "unknown".
 
     Args:
         frame_id: of every message.
-        gyro_variance: of each component of a sample, (rad/s)^2.
-        accel_variance: of each component of a sample, (m/s^2)^2.
+        gyro_variance: of each component of a sample, (rad/s)^2; None: it has no gyro.
+        accel_variance: of each component of a sample, (m/s^2)^2; None: it has no accelerometer.
     """
 
-    def __init__(self, frame_id: str, gyro_variance: float = 0.0, accel_variance: float = 0.0) -> None:
+    def __init__(self, frame_id: str, gyro_variance: float | None = 0.0, accel_variance: float | None = 0.0) -> None:
         self._before_gyro = _aligned(_string(frame_id), 8) + _NO_ORIENTATION
         self._before_accel = _diagonal(gyro_variance)
         self._after_accel = _diagonal(accel_variance)
@@ -141,7 +142,9 @@ def _aligned(raw: bytes, alignment: int) -> bytes:
     return raw + bytes(-len(raw) % alignment)
 
 
-def _diagonal(variance: float) -> bytes:
+def _diagonal(variance: float | None) -> bytes:
+    if variance is None:
+        return _ABSENT
     return struct.pack("<9d", variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, variance)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from scipy.io import loadmat
 
 from jointest_ros.bags.errors import BagError
 
@@ -38,6 +41,25 @@ def check_source(path: Path) -> None:
     """Raise a `BagError` when there is no file at `path`."""
     if not path.is_file():
         raise BagError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
+
+
+def load_matlab(path: Path, variables: Sequence[str], what: str) -> dict[str, Any]:
+    """Those variables of a MATLAB file.
+
+    Args:
+        what: the file ought to be, for the error: "a raw recording of the set 'song'".
+
+    Raises:
+        BagError: there is no such file, it is not of MATLAB, or lacks one of the variables.
+    """
+    check_source(path)
+    try:
+        contents = loadmat(path, variable_names=list(variables))
+    except Exception as error:  # scipy raises errors of many kinds for what is not a .mat file
+        raise BagError(f"{path}: not a MATLAB file that scipy can read: {error}") from None
+    if missing := [name for name in variables if name not in contents]:
+        raise BagError(f"{path}: not {what}: {', '.join(missing[:3])} missing")
+    return {name: contents[name] for name in variables}
 
 
 def row_slices(total: int, progress: Progress) -> Iterator[slice]:

@@ -9,11 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
 
 from jointest_ros.bags.cdr import IMU, JOINT_STATE
 from jointest_ros.bags.cdr_encode import ImuEncoder, JointStateEncoder
-from jointest_ros.bags.conversion import ConversionSummary, Progress, check_source, no_progress, row_slices
+from jointest_ros.bags.conversion import ConversionSummary, Progress, load_matlab, no_progress, row_slices
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter, StorageName
 from jointest_ros.core.frame import FloatArray
@@ -65,13 +64,7 @@ def _vectors(table: dict[str, FloatArray], name: str) -> FloatArray:
 
 def _load(src: Path) -> dict[str, FloatArray]:
     """The columns of the file, each (T,), in its own units."""
-    check_source(src)
-    try:
-        contents = loadmat(src, variable_names=_VARIABLES)
-    except Exception as error:  # scipy raises errors of many kinds for what is not a .mat file
-        raise BagError(f"{src}: not a MATLAB file that scipy can read: {error}") from None
-    if missing := [name for name in _VARIABLES if name not in contents]:
-        raise BagError(f"{src}: not a raw recording of the set 'song': {', '.join(missing[:3])} missing")
+    contents = load_matlab(src, _VARIABLES, "a raw recording of the set 'song'")
     try:
         table = {name: np.asarray(contents[name], dtype=np.float64).ravel() for name in _VARIABLES}
     except (TypeError, ValueError) as error:

@@ -47,7 +47,9 @@ _Column = tuple[str, Callable[[int, int], bytes]]  # topic, (row, stamp) -> CDR 
 def _imu_column(sensor: Sensor, simulated: SimulatedRobot, rate_hz: float) -> _Column:
     """The variances are those of one sample: density squared times the rate."""
     encoder = ImuEncoder(
-        sensor.frame_id or sensor.name, sensor.gyro_noise**2 * rate_hz, sensor.accel_noise**2 * rate_hz
+        sensor.frame_id or sensor.name,
+        sensor.gyro_noise**2 * rate_hz if sensor.gyro else None,
+        sensor.accel_noise**2 * rate_hz if sensor.accel else None,
     )
     nothing = [(float("nan"),) * 3] * len(simulated.recording)
     gyro = simulated.recording.gyro[sensor.name].tolist() if sensor.gyro else nothing

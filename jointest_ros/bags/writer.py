@@ -117,6 +117,10 @@ class BagWriter:
         except (OSError, sqlite3.Error, OverflowError) as error:
             raise self._failure(error) from None
 
+    def note(self, key: str, text: str) -> None:
+        """Put a remark into the metadata of the recording (`custom_data`)."""
+        self._writer.set_custom_data(key, text)
+
     @property
     def counts(self) -> dict[str, int]:
         """Messages written so far, by topic."""

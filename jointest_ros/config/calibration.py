@@ -13,6 +13,7 @@ over the configuration. The file need not exist. Each `jointest calibrate` write
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections.abc import Collection, Sequence
@@ -79,6 +80,13 @@ def save_accel(path: Path, sensors: Collection[Sensor], heading: str) -> None:
 def save_mountings(path: Path, sensors: Collection[Sensor], heading: str) -> None:
     """Write the mountings of these sensors into the section `mountings`, as `save_hall` does its own."""
     _save(path, "mountings", {sensor.name: mounting_entry(sensor) for sensor in sensors}, heading)
+
+
+def heading(path: Path, section: str) -> str:
+    """The comment before a section of a calibration file; empty where there is none. Raises ConfigurationError."""
+    lines = _split(_text(path) or "").get(section, "").splitlines()
+    comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    return "\n".join(line[1:].removeprefix(" ") for line in comment)
 
 
 # ---------------------------------------------------------------- reading

@@ -110,7 +110,7 @@ def parse(text: str, path: Path | None = None) -> Configuration:
 
 
 def _robot(document: Mapping[str, Any]) -> Robot:
-    section = read.section(document["robot"], "robot", ("name", "links", "joints"))
+    section = read.section(document["robot"], "robot", ("name", "links", "joints", "world"))
     links = section.get("links")
     if not isinstance(links, list) or not links or not all(isinstance(link, str) and link for link in links):
         raise read.refusal("robot.links", links, "a list of at least one name")
@@ -124,12 +124,14 @@ def _robot(document: Mapping[str, Any]) -> Robot:
         sensors=tuple(_sensor(name, values, defaults) for name, values in sensors.items()),
         name=read.text(section.get("name", "robot"), "robot.name"),
         hall=hall_sensors(document.get("hall"), document.get("hall_defaults")),
+        world=read.text(section.get("world", ""), "robot.world", "the name of a link"),
     )
 
 
 def _joint(name: str, values: Any) -> Joint:
     where = f"robot.joints.{name}"
-    section = read.section(values, where, ("parent", "child", "axis", "axes", "origin", "limits_deg", "continuous"))
+    keys = ("parent", "child", "axis", "axes", "origin", "roll_link", "limits_deg", "continuous")
+    section = read.section(values, where, keys)
     parent, child = (read.text(section.get(key), f"{where}.{key}", "the name of a link") for key in ("parent", "child"))
     if ("axis" in section) == ("axes" in section):
         raise ConfigurationError(f"{where}: give either axis (one) or axes (a list of one to three)")
@@ -150,7 +152,8 @@ def _joint(name: str, values: Any) -> Joint:
             raise read.refusal(f"{where}.limits_deg", pairs, "[low, high] for each axis")
         limits = tuple(read.limits(pair, f"{where}.limits_deg") for pair in pairs)
     origin = read.vector(section.get("origin", [0.0, 0.0, 0.0]), f"{where}.origin", "m")
-    return Joint(name, parent, child, axes, limits, continuous, origin)
+    roll_link = read.vector(section["roll_link"], f"{where}.roll_link", "m") if "roll_link" in section else None
+    return Joint(name, parent, child, axes, limits, continuous, origin, roll_link)
 
 
 def _sensor(name: str, values: Any, defaults: Mapping[str, Any]) -> Sensor:

@@ -20,6 +20,7 @@ def robot_yaml(robot: Robot, estimators: Mapping[str, Mapping[str, Any]], headin
         "robot": {
             "name": robot.name,
             "links": list(robot.links),
+            **({"world": robot.world} if robot.world else {}),
             "joints": {joint.name: _joint(joint) for joint in robot.joints},
         },
         "sensors": {sensor.name: _sensor(sensor) for sensor in robot.sensors},
@@ -34,6 +35,8 @@ def _joint(joint: Joint) -> dict[str, Any]:
     entry: dict[str, Any] = {"parent": joint.parent, "child": joint.child, "axes": [list(axis) for axis in joint.axes]}
     if any(joint.origin):
         entry["origin"] = list(joint.origin)
+    if joint.roll_link is not None:
+        entry["roll_link"] = list(joint.roll_link)
     if joint.limits is not None:
         limits = [[_degrees(low), _degrees(high)] for low, high in joint.limits]
         entry["limits_deg"] = limits if len(limits) > 1 else limits[0]

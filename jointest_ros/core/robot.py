@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.hall_sensor import HallSensor
-from jointest_ros.core.rotation import IDENTITY, exp, multiply, norm
+from jointest_ros.core.rotation import IDENTITY, dot, norm
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 UNCALIBRATED_MATRIX = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -31,6 +31,9 @@ class Joint:
         origin: of the joint in the parent frame, m; the origin of the child frame is there too.
         limits: lowest and highest position of each coordinate, rad, or None where unknown.
         continuous: positions are equal modulo 2 pi (errors are wrapped).
+        roll_link: of a roll-articular (Hillberry) joint, two equal cylinders that roll on each other: from the axis of
+            the parent's to that of the child's at the zero pose, m. It is two revolutes of half the position each, with
+            this virtual link between them; the origin of the child frame is on the second. None: a plain revolute.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Joint:
     limits: tuple[tuple[float, float], ...] | None = None
     continuous: bool = False
     origin: Vec3 = (0.0, 0.0, 0.0)
+    roll_link: Vec3 | None = None
 
     def __post_init__(self) -> None:
         where, number = f"joint '{self.name}'", len(self.axes)
@@ -50,6 +54,10 @@ class Joint:
                 raise ConfigurationError(f"{where}.axes: {axis} is not allowed; its length must be 1")
         if self.limits is not None and len(self.limits) != number:
             raise ConfigurationError(f"{where}.limits: {self.limits} is not allowed; give (low, high) for each axis")
+        if self.roll_link is not None and (number > 1 or abs(dot(self.roll_link, self.axes[0])) > 1e-6):
+            raise ConfigurationError(
+                f"{where}.roll_link: {self.roll_link} is not allowed; rolling joints have one axis, perpendicular to it"
+            )
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -117,9 +125,14 @@ class Sensor:
 class Robot:
     """Links, joints and sensors. Made once, checked when made. `hall` has the order of the voltages in `Frame.hall`.
 
+    Attributes:
+        world: the link that stands still with its z axis up, or "". It needs no sensor: the angles of joints from it
+            are those of the child relative to gravity, and, about gravity, relative to the start.
+
     Raises:
         ConfigurationError: a joint or sensor names an unknown link, a link has two parents, a joint closes a loop, a
-            Hall sensor names an unknown joint coordinate, sensors share a topic and cannot be told apart.
+            Hall sensor names an unknown joint coordinate, sensors share a topic and cannot be told apart, the world
+            link is unknown, has a parent or a sensor.
     """
 
     links: tuple[str, ...]
@@ -127,6 +140,7 @@ class Robot:
     sensors: tuple[Sensor, ...] = ()
     name: str = "robot"
     hall: tuple[HallSensor, ...] = ()
+    world: str = ""
     _by_name: dict[str, Sensor] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -154,6 +168,17 @@ class Robot:
         for sensor in self.sensors:
             self._known_link(sensor.link, f"sensor '{sensor.name}'.link")
             self._by_name[sensor.name] = sensor
+        if self.world:
+            self._known_link(self.world, "world")
+            if self.world in parent_of:
+                raise ConfigurationError(
+                    f"world: '{self.world}' moves on '{parent_of[self.world]}'; the world link has no parent"
+                )
+            if on_world := self.sensors_on(self.world):
+                raise ConfigurationError(
+                    f"sensor '{on_world[0].name}'.link: '{self.world}' is the world, which stands still; "
+                    "sensors belong on links that move"
+                )
         self._check_topics()
         for number, hall in enumerate(self.hall):
             if hall.joint not in self.coordinates:
@@ -190,17 +215,6 @@ class Robot:
     def sensors_on(self, link: str) -> tuple[Sensor, ...]:
         """The sensors of one link in the order of the configuration."""
         return tuple(sensor for sensor in self.sensors if sensor.link == link)
-
-    def orientations(self, positions: Mapping[str, float]) -> dict[str, Quat]:
-        """Forward kinematics: orientation of every link in its root link, for joint positions (rad) by coordinate."""
-        turned: dict[str, Quat] = {}
-        for joint in self.ordered_joints:
-            q = turned.setdefault(joint.parent, IDENTITY)
-            for coordinate, axis in zip(joint.coordinates, joint.axes, strict=True):
-                angle = positions[coordinate]
-                q = multiply(q, exp((axis[0] * angle, axis[1] * angle, axis[2] * angle)))
-            turned[joint.child] = q
-        return {link: turned.get(link, IDENTITY) for link in self.links}
 
     def _check_topics(self) -> None:
         """Several IMUs may be on one topic when each has a frame id; magnetometers have topics of their own."""

@@ -27,6 +27,8 @@ class ImuNoise:
         gyro_bias: each component of the constant bias is uniform in +- this, rad/s.
         gyro_bias_walk: random walk on top of it, rad/s/sqrt(s).
         accel_bias: norm of a constant bias in a random direction, m/s^2.
+        accel_offset, accel_scale: another, each component uniform in +- this, m/s^2, and the error of the scale of each
+            axis, uniform in +- this, a fraction: what calibration leaves.
         gyro_range, accel_range: full scale, rad/s and m/s^2; readings are clipped there.
         gyro_resolution, accel_resolution: one digit, rad/s and m/s^2; 0 for no rounding.
     """
@@ -37,6 +39,8 @@ class ImuNoise:
     gyro_bias: float = 0.0
     gyro_bias_walk: float = 0.0
     accel_bias: float = 0.0
+    accel_offset: float = 0.0
+    accel_scale: float = 0.0
     gyro_range: float = math.inf
     accel_range: float = math.inf
     gyro_resolution: float = 0.0
@@ -71,16 +75,19 @@ class Imu:
     Attributes:
         mounting: rotation sensor frame to link frame.
         accel_bias: (3,) m/s^2, sensor frame.
+        accel_scale: (3,) reading over acceleration of each axis.
     """
 
     def __init__(self, noise: ImuNoise, mounting: Rotation, rate_hz: float, seed: np.random.SeedSequence) -> None:
         self.noise = noise
         self.mounting = mounting
         self._rate_hz = rate_hz
-        gyro_bias, accel_bias, *rest = (np.random.default_rng(child) for child in seed.spawn(6))
-        self._walk, self._gyro_noise, self._accel_noise, self._mag_noise = rest
+        gyro_bias, accel_bias, *rest = (np.random.default_rng(child) for child in seed.spawn(7))
+        self._walk, self._gyro_noise, self._accel_noise, self._mag_noise, calibration = rest
         self._next_gyro_bias = noise.gyro_bias * gyro_bias.uniform(-1.0, 1.0, 3)
-        self.accel_bias: FloatArray = noise.accel_bias * random_direction(accel_bias)
+        offset, scale = calibration.uniform(-1.0, 1.0, (2, 3))
+        self.accel_bias: FloatArray = noise.accel_bias * random_direction(accel_bias) + noise.accel_offset * offset
+        self.accel_scale: FloatArray = 1.0 + noise.accel_scale * scale
 
     def gyro(self, orientation: Rotation, intervals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gyro samples and the biases in them, both (n, 3), rad/s, sensor frame.
@@ -105,7 +112,8 @@ class Imu:
         """
         upward = orientation.apply([0.0, 0.0, GRAVITY], inverse=True)
         truth = self.mounting.apply(acceleration + upward, inverse=True)
-        noisy = truth + self.accel_bias + self._white(self._accel_noise, self.noise.accel_noise, truth)
+        white = self._white(self._accel_noise, self.noise.accel_noise, truth)
+        noisy = truth * self.accel_scale + self.accel_bias + white
         return _read_out(noisy, self.noise.accel_resolution, self.noise.accel_range)
 
     def mag(self, orientation: Rotation) -> FloatArray:

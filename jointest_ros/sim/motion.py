@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Vec3
+from jointest_ros.core.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +19,10 @@ class Signal:
     value: FloatArray
     rate: FloatArray
     acceleration: FloatArray
+
+    def __add__(self, other: Signal) -> Signal:
+        """The sum."""
+        return Signal(self.value + other.value, self.rate + other.rate, self.acceleration + other.acceleration)
 
     def __mul__(self, other: Signal | float) -> Signal:
         """The product, by the product rule."""
@@ -42,6 +48,16 @@ def smoothstep(time: FloatArray, duration: float) -> Signal:
         u * u * (3.0 - 2.0 * u),
         6.0 * u * (1.0 - u) / duration,
         np.where(inside, (6.0 - 12.0 * u) / duration**2, 0.0),
+    )
+
+
+def minimum_jerk(time: FloatArray, duration: float) -> Signal:
+    """u^3 (10 - 15 u + 6 u^2) with u = time / duration clipped to 0..1: from rest to rest, continuous acceleration."""
+    u = np.clip(time / duration, 0.0, 1.0)
+    return Signal(
+        u**3 * (10.0 - 15.0 * u + 6.0 * u**2),
+        30.0 * u**2 * (1.0 - u) ** 2 / duration,
+        60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2,
     )
 
 
@@ -101,3 +117,24 @@ class LinkMotion:
             derivative + angle.acceleration[:, None] * along,
             turn.apply(self.acceleration_at(position), inverse=True),
         )
+
+
+def tree_motion(robot: Robot, root: LinkMotion, angles: Mapping[str, Signal]) -> dict[str, LinkMotion]:
+    """The motion of every link that hangs on the robot's first root, which moves as `root`; angles (rad) by coordinate.
+
+    A roll-articular joint is two revolutes of half the angle, with its virtual link between them.
+    """
+    first = robot.ordered_joints[0].parent
+    links = {first: root}
+    for joint in robot.joints_below(first):
+        link, place = links[joint.parent], joint.origin
+        if joint.roll_link is not None:
+            half = angles[joint.name] * 0.5
+            link, place = link.child(joint.axes[0], half, place), joint.roll_link
+            turns = [(joint.axes[0], half)]
+        else:
+            turns = [(axis, angles[name]) for axis, name in zip(joint.axes, joint.coordinates, strict=True)]
+        for axis, angle in turns:
+            link, place = link.child(axis, angle, place), (0.0, 0.0, 0.0)
+        links[joint.child] = link
+    return links

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jointest_ros.sim import exoshell, finger
+from jointest_ros.sim import crank_rig, exoshell, finger, gripper, slider_crank, two_link_arm
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
 
 
@@ -43,6 +43,15 @@ SCENARIOS: dict[str, Rig] = {
             finger.FingerOptions,
             finger.simulate,
             finger.stretches,
+            {"pcf": {"zero_at_start": True, "lever_arms": True}},
+        ),
+        Rig(
+            "gripper",
+            "palm and two soft fingers of three links, seven IMUs, nine angles, roll-articular joints",
+            {name: scenario.description for name, scenario in gripper.SCENARIOS.items()},
+            gripper.GripperOptions,
+            gripper.simulate,
+            gripper.stretches,
             {"pcf": {"zero_at_start": True}},
         ),
         Rig(
@@ -53,6 +62,24 @@ SCENARIOS: dict[str, Rig] = {
             exoshell.simulate,
             exoshell.stretches,
             {"gyro": {}, "hall": {}, "kf": {}, "kckf": {}},
+        ),
+        Rig(
+            "two_link_arm",
+            "two links and a hinge in a vertical plane, two accelerometers on each link",
+            {name: scenario.description for name, scenario in two_link_arm.SCENARIOS.items()},
+            two_link_arm.ArmOptions,
+            two_link_arm.simulate,
+            two_link_arm.stretches,
+            {"accel_analytical": {}, "accel_ekf": {"snap_density": 1e6}, "accel_ukf": {}},
+        ),
+        Rig(
+            "slider_crank",
+            "crank and connecting rod, two accelerometers on each",
+            {name: scenario.description for name, scenario in slider_crank.SCENARIOS.items()},
+            crank_rig.CrankOptions,
+            crank_rig.simulate,
+            crank_rig.stretches,
+            {"accel_analytical": {}, "accel_ekf": {"bias": False}, "accel_ukf": {}},
         ),
     )
 }

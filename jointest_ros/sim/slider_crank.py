@@ -110,6 +110,7 @@ def motion(
     length: float = 0.3,
     *,
     positions: tuple[ArrayLike, ArrayLike] | None = None,
+    first: int = 0,
     samples: int = SAMPLES,
     period: float = PERIOD,
 ) -> CrankMotion:
@@ -119,13 +120,13 @@ def motion(
         scenario: a key of `SCENARIOS`, or one of your own.
         length: L, m, for scenarios without lengths.
         positions: of the accelerometers of a and b, (Na, 2) and (Nb, 2), m; the scenario's unless given.
-        samples, period: T and s.
+        first, samples, period: number of the first sample (0 is at time 0), T, and s.
     """
     chosen = SCENARIOS[scenario] if isinstance(scenario, str) else scenario
     length_a, length_b = chosen.lengths or (length, 2.0 * length)
     spans = chosen.spans or ((length / 2.0, length / 2.0),) * 2
     places = [np.array(p, dtype=np.float64) for p in positions or [row(*span) for span in spans]]
-    time: FloatArray = period * np.arange(samples, dtype=np.float64)
+    time: FloatArray = period * np.arange(first, first + samples, dtype=np.float64)
     a = chosen.angle(time)
     ratio = length_a / length_b
     angle_b = np.arcsin(-ratio * np.sin(a.value))

@@ -1,4 +1,4 @@
-"""The kinematic tree: what it refuses, how it names coordinates, forward kinematics."""
+"""The kinematic tree: what it refuses, how it names coordinates, its order."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Vec3
+from jointest_ros.core.kinematics import link_poses
 from jointest_ros.core.robot import Joint, Robot, Sensor
-from jointest_ros.core.rotation import IDENTITY
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 OBLIQUE = (0.6, 0.0, 0.8)
@@ -50,6 +50,14 @@ def hinge(name: str, parent: str, child: str) -> Joint:
         (lambda: Joint("j", "a", "b", ((1.0, 1.0, 0.0),)), ("joint 'j'.axes", "(1.0, 1.0, 0.0)", "length must be 1")),
         (lambda: Joint("j", "a", "b", ((math.nan, 1.0, 0.0),)), ("joint 'j'.axes", "nan", "length must be 1")),
         (lambda: Joint("j", "a", "b", (X, Y), limits=((-1.0, 1.0),)), ("joint 'j'.limits", "each axis")),
+        (
+            lambda: Joint("j", "a", "b", (X,), roll_link=(0.013, 0.0, 0.0)),
+            ("joint 'j'.roll_link", "(0.013, 0.0, 0.0)", "one axis, perpendicular"),
+        ),
+        (lambda: Joint("j", "a", "b", (X, Y), roll_link=(0.0, 0.0, 0.013)), ("joint 'j'.roll_link", "one axis")),
+        (lambda: Robot(("a", "b"), (hinge("j", "a", "b"),), world="c"), ("world: 'c'", "known: a, b")),
+        (lambda: Robot(("a", "b"), (hinge("j", "a", "b"),), world="b"), ("world: 'b'", "on 'a'", "no parent")),
+        (lambda: Robot(("a",), (), (Sensor("s", "a"),), world="a"), ("sensor 's'.link", "'a' is the world")),
         (lambda: Robot(("a",)).sensor("imu"), ("sensor 'imu'", "known: none")),
         (lambda: Robot(("a",), (), (Sensor("imu_1", "a"),)).sensor("imu_l"), ("sensor 'imu_l'", "'imu_1'?")),
     ],
@@ -80,31 +88,11 @@ def test_coordinates_are_named_by_their_axes(axes: tuple[Vec3, ...], names: tupl
     assert Robot(("a", "b"), (joint,)).coordinates == names
 
 
-def test_forward_kinematics_is_the_product_of_the_revolutes() -> None:
-    joints = (Joint("elbow", "upper", "lower", (Y,)), Joint("shoulder", "trunk", "upper", (Z, X, Y)))
-    robot = Robot(("lower", "trunk", "upper"), joints)
-    positions = {"shoulder_z": 0.3, "shoulder_x": -0.8, "shoulder_y": 1.9, "elbow": 2.5}
-    found = {link: Rotation.from_quat(q) for link, q in robot.orientations(positions).items()}
-    upper = Rotation.from_euler("ZXY", [0.3, -0.8, 1.9])
-    expected = {"trunk": Rotation.identity(), "upper": upper, "lower": upper * Rotation.from_euler("Y", 2.5)}
-    assert list(found) == ["lower", "trunk", "upper"]
-    for link, orientation in expected.items():
-        assert (found[link].inv() * orientation).magnitude() < 1e-12
-
-
 def test_base_link_may_stand_anywhere_in_the_list_and_joints_in_any_order() -> None:
     joints = (hinge("distal", "middle", "tip"), hinge("proximal", "palm", "middle"))
     robot = Robot(("tip", "palm", "middle"), joints)
     assert [joint.name for joint in robot.ordered_joints] == ["proximal", "distal"]
     assert robot.coordinates == ("distal", "proximal")
-    turned = robot.orientations({"proximal": 0.4, "distal": 0.5})
-    assert turned["palm"] == IDENTITY
-    np.testing.assert_allclose(Rotation.from_quat(turned["tip"]).as_rotvec(), [0.9, 0.0, 0.0], atol=1e-12)
-
-
-def test_links_without_joints_are_roots_of_their_own() -> None:
-    robot = Robot(("a", "loose", "b"), (hinge("j", "a", "b"),))
-    assert robot.orientations({"j": 1.0})["loose"] == IDENTITY
 
 
 def test_joints_below_a_link_are_those_that_carry_what_hangs_on_it() -> None:
@@ -130,7 +118,7 @@ def test_thirty_branching_joints(parents: list[int], random) -> None:
         placed.add(joint.child)
     assert placed == set(links)
     positions = {joint.name: random.uniform(-3.0, 3.0) for joint in joints}
-    turned = {link: Rotation.from_quat(q) for link, q in robot.orientations(positions).items()}
+    turned = {link: Rotation.from_quat(pose.orientation) for link, pose in link_poses(robot, positions).items()}
     for joint in joints:
         step = Rotation.from_rotvec(positions[joint.name] * np.array(joint.axes[0]))
         assert (turned[joint.child].inv() * turned[joint.parent] * step).magnitude() < 1e-9

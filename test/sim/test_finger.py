@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.sim import finger
-from jointest_ros.sim.finger import FingerRecording
+from jointest_ros.sim.hand import HandRecording
 from jointest_ros.sim.simulated import SimulationError
 
 simulate, chunks = (partial(make, mounting="mounted") for make in (finger.simulate, finger.chunks))
@@ -27,19 +27,19 @@ def difference(values: FloatArray, weights: FloatArray) -> FloatArray:
     return sum(w * values[i : len(values) - 8 + i] for i, w in enumerate(weights))
 
 
-def attitude(recorded: FingerRecording, sensor: str) -> Rotation:
+def attitude(recorded: HandRecording, sensor: str) -> Rotation:
     return Rotation.from_quat(recorded.orientation[sensor])
 
 
-def mounting(recorded: FingerRecording, sensor: str) -> Rotation:
+def mounting(recorded: HandRecording, sensor: str) -> Rotation:
     return Rotation.from_quat(recorded.robot.sensor(sensor).mounting)
 
 
-def tau_of(recorded: FingerRecording, zero_pose_s: float = 10.0) -> FloatArray:
+def tau_of(recorded: HandRecording, zero_pose_s: float = 10.0) -> FloatArray:
     return recorded.recording.stamps * 1e-9 - zero_pose_s
 
 
-def sensor_positions(recorded: FingerRecording) -> dict[str, FloatArray]:
+def sensor_positions(recorded: HandRecording) -> dict[str, FloatArray]:
     """World positions (T, 3) from the true attitudes and the specified lengths; the palm's reference point is at 0."""
     turns = {name: attitude(recorded, name) * mounting(recorded, name).inv() for name in finger.LINKS}
     positions, joint = {"palm": np.zeros((len(recorded.recording), 3))}, turns["palm"].apply([0.0, 0.050, 0.0])
@@ -197,7 +197,7 @@ def test_accelerometer_bias_has_the_given_norm_and_is_in_the_samples() -> None:
     assert not np.allclose(biased.accel_bias["palm"], biased.accel_bias["distal"])
 
 
-def flat(recorded: FingerRecording) -> FloatArray:
+def flat(recorded: HandRecording) -> FloatArray:
     tables = (recorded.recording.gyro, recorded.recording.accel, recorded.recording.mag, recorded.orientation)
     truth = (recorded.truth_position, recorded.truth_velocity)
     return np.hstack([table[name] for table in tables for name in table] + list(truth))
@@ -210,7 +210,7 @@ def test_same_seed_same_recording() -> None:
 
 
 def test_switching_one_error_off_leaves_the_others() -> None:
-    def take(**switches: object) -> FingerRecording:
+    def take(**switches: object) -> HandRecording:
         return simulate("PC", rate_hz=100.0, duration_s=12.0, seed=3, **switches)
 
     everything, noiseless, unbiased, clean = take(), take(noise=False), take(bias=False), take(**CLEAN)
