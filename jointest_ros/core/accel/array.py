@@ -124,6 +124,9 @@ def joint_arrays(robot: Robot) -> tuple[JointArrays, ...]:
         if len(joint.axes) != 1:
             reason = f"joint '{joint.name}': {len(joint.axes)} axes; accelerometer arrays need one"
             continue
+        if joint.roll_link is not None:
+            reason = f"joint '{joint.name}': rolls; accelerometer arrays need a joint with one centre"
+            continue
         links = (joint.parent, joint.origin), (joint.child, (0.0, 0.0, 0.0))
         arrays = [_link_array(robot, link, origin, joint.axes[0]) for link, origin in links]
         few = [link for (link, _), array in zip(links, arrays, strict=True) if len(array.sensors) < 2]
