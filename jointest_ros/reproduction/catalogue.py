@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from jointest_ros.reproduction import kckf_drift, kckf_float32, kckf_human, kckf_observability, kckf_table1
+from jointest_ros.reproduction import (
+    accel_count,
+    accel_multiples,
+    accel_placement,
+    accel_table2,
+    accel_table3,
+    kckf_drift,
+    kckf_float32,
+    kckf_human,
+    kckf_observability,
+    kckf_table1,
+    pcf_disk,
+)
 from jointest_ros.reproduction.result import Reproduction
 
 REPRODUCTIONS: dict[str, Reproduction] = {
@@ -26,12 +38,48 @@ REPRODUCTIONS: dict[str, Reproduction] = {
             kckf_human.run,
             ("seed", "runs", "duration_s"),
         ),
+        Reproduction(
+            "pcf-disk",
+            "PCF, Table I: radius of three disks from the gripper's posture",
+            pcf_disk.run,
+            ("seed", "runs"),
+        ),
         Reproduction("kckf-observability", "KCKF, section 3.3: rank of (21) for 2 to 8 joints", kckf_observability.run),
         Reproduction(
             "kckf-float32",
             "KCKF: float32 beside float64 over 3.6 million steps at 1 kHz",
             kckf_float32.run,
             ("seed", "duration_s"),
+        ),
+        Reproduction(
+            "accel-table2",
+            "Accelerometer arrays, Table II: errors by distance of the sensors, as distributions",
+            accel_table2.run,
+            ("seed", "runs"),
+        ),
+        Reproduction(
+            "accel-table3",
+            "Accelerometer arrays, Table III: the arm in four movements with three sensors",
+            accel_table3.run,
+            ("seed", "runs", "duration_s"),
+        ),
+        Reproduction(
+            "accel-bound",
+            "Accelerometer arrays: filters in multiples of the Cramér-Rao bound, seven motions",
+            accel_multiples.run,
+            ("seed", "runs"),
+        ),
+        Reproduction(
+            "accel-count",
+            "Accelerometer arrays, Fig. 5: error by number of sensors",
+            accel_count.run,
+            ("seed", "runs"),
+        ),
+        Reproduction(
+            "accel-placement",
+            "Accelerometer arrays, Figs. 6, 7: error by places of the sensors",
+            accel_placement.run,
+            ("seed", "runs"),
         ),
     )
 }
