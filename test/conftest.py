@@ -34,3 +34,9 @@ def finger_bag() -> Path:
 def finger_config() -> Path:
     """The configuration of its robot."""
     return PROJECT / "config" / "finger.yaml"
+
+
+@pytest.fixture(scope="session")
+def gripper_config() -> Path:
+    """The configuration of the simulated gripper."""
+    return PROJECT / "config" / "softhand_gripper.yaml"

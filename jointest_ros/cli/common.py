@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -14,6 +16,7 @@ from jointest_ros.config import Configuration
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError, JointestError
 from jointest_ros.core.estimator import Estimator
+from jointest_ros.core.params import Params, allowed_text
 
 # Names and paths are shown as they are, whatever rich would make of brackets and colons in them.
 out = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)  # results
@@ -48,12 +51,43 @@ def complain(command: str, text: object) -> None:
     err.print(f"jointest {command}: error: {text}")
 
 
+def smoothers(estimators: dict[str, Estimator]) -> dict[str, Any]:
+    """Those that can smooth. Raises ConfigurationError when none can."""
+    able = {name: estimator for name, estimator in estimators.items() if hasattr(estimator, "smooth")}
+    if not able:
+        raise ConfigurationError(f"--smooth: {', '.join(estimators)} cannot smooth; accel_ekf with model: joint can")
+    return able
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a whole file. Raises OutputError when it cannot be written."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def add_params(parser: argparse.ArgumentParser, kind: type[Params]) -> None:
+    """An option for each declared parameter; its range is checked where it is declared."""
+    for spec in dataclasses.fields(kind):
+        default: Any = spec.default
+        allowed = "" if isinstance(default, bool) else f"{allowed_text(spec)}; "
+        shown = ("on" if default else "off") if isinstance(default, bool) else default
+        text = f"{spec.metadata['description']} ({allowed}default: {shown})".replace("%", "%%")
+        options: dict[str, Any] = {"type": type(default), "metavar": "X"}
+        if isinstance(default, bool):
+            options = {"action": argparse.BooleanOptionalAction}
+        parser.add_argument(f"--{param_flag(spec)}", dest=spec.name, default=default, help=text, **options)
+
+
+def given_params(arguments: argparse.Namespace, kind: type[Params]) -> dict[str, Any]:
+    """What was given for the parameters that `add_params` declared, by their names."""
+    return {spec.name: getattr(arguments, spec.name) for spec in dataclasses.fields(kind)}
+
+
+def param_flag(spec: dataclasses.Field[Any]) -> str:
+    """The name of a parameter's option: without its unit."""
+    return spec.name.removesuffix("_hz").removesuffix("_s").removesuffix("_deg").replace("_", "-")
 
 
 def add_config(parser: argparse.ArgumentParser, required: bool = True) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jointest_ros.bags.convert import FORMATS
-from jointest_ros.cli.common import Parsers, out, progress
+from jointest_ros.cli.common import Parsers, add_params, given_params, out, progress
 
 
 def add_parser(commands: Parsers[Any]) -> None:
@@ -19,21 +19,27 @@ def add_parser(commands: Parsers[Any]) -> None:
         epilog="formats:\n" + "\n".join(f"  {name:8} {entry.description}" for name, entry in FORMATS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("format", choices=tuple(FORMATS), metavar="FORMAT", help=", ".join(FORMATS))
-    parser.add_argument("source", type=Path, metavar="SRC", help="the file as its authors published it")
-    parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="BAG", help="directory of the new recording"
-    )
-    parser.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
-    parser.add_argument("--overwrite", action="store_true", help="replace a recording of that name")
-    parser.set_defaults(run=run)
+    formats = parser.add_subparsers(dest="format", metavar="FORMAT", required=True)
+    for name, entry in FORMATS.items():
+        one = formats.add_parser(name, description=f"Convert: {entry.description}.")
+        one.add_argument("source", type=Path, metavar="SRC", help="the file as its authors published it")
+        one.add_argument(
+            "-o", "--output", required=True, type=Path, metavar="BAG", help="directory of the new recording"
+        )
+        one.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
+        one.add_argument("--overwrite", action="store_true", help="replace a recording of that name")
+        add_params(one, entry.options)
+        one.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
-    convert = FORMATS[arguments.format].function
+    entry = FORMATS[arguments.format]
+    options = given_params(arguments, entry.options)
     with progress(f"convert {arguments.source.name}") as report:
-        summary = convert(arguments.source, arguments.output, arguments.storage, report, arguments.overwrite)
+        summary = entry.function(
+            arguments.source, arguments.output, arguments.storage, report, arguments.overwrite, **options
+        )
     out.print(f"{summary.bag}: {summary.duration_s:.1f} s")
     for topic, count in summary.messages.items():
         out.print(f"  {topic}  {count} messages")

@@ -13,7 +13,7 @@ from jointest_ros.cli.common import Parsers, add_config, load_estimators, out
 from jointest_ros.cli.tables import error_tables, input_table
 from jointest_ros.core.errors import ConfigurationError, JointestError
 
-ROBOTS = ("finger", "exoshell")  # each with bags/<name> and config/<name>.yaml
+ROBOTS = ("finger", "softhand_gripper", "exoshell", "two_link_accel")  # each with bags/<name> and config/<name>.yaml
 
 
 class NoRosError(JointestError):

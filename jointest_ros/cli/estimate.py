@@ -16,10 +16,20 @@ from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter
-from jointest_ros.cli.common import OutputError, Parsers, add_config, complain, load_estimators, out, progress, warn
+from jointest_ros.cli.common import (
+    OutputError,
+    Parsers,
+    add_config,
+    complain,
+    load_estimators,
+    out,
+    progress,
+    smoothers,
+    warn,
+)
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
-from jointest_ros.core.frame import Estimate
+from jointest_ros.core.frame import Estimate, Series
 
 
 def add_parser(commands: Parsers[Any]) -> None:
@@ -42,6 +52,11 @@ def add_parser(commands: Parsers[Any]) -> None:
         metavar="OUT",
         help="a file *.csv, or the directory of a new recording",
     )
+    parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="estimate each angle from the whole recording, also from what comes after (accel_ekf)",
+    )
     parser.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
     parser.add_argument("--overwrite", action="store_true", help="replace what is there under that name")
     parser.set_defaults(run=run)
@@ -53,6 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
     estimators = load_estimators(configuration, arguments.estimator)
     if not any(estimator.joints for estimator in estimators.values()):
         raise ConfigurationError(f"{configuration.path}: robot.joints: none; there is no joint angle to estimate")
+    smoothing = smoothers(estimators) if arguments.smooth else {}
+    estimators = smoothing or estimators
     source = arguments.bag.resolve()
     if arguments.output.resolve() in (source, *source.parents):
         raise OutputError(f"{arguments.output}: is the recording itself; choose another name")
@@ -61,7 +78,14 @@ def run(arguments: argparse.Namespace) -> int:
         offline.check_topics(reader, intake, arguments.namespace)
         make_sink = _csv_sink if arguments.output.suffix.lower() == ".csv" else _bag_sink
         with make_sink(arguments, estimators) as sink:
-            outcome = offline.run(reader, intake, estimators, sink, namespace=arguments.namespace, progress=report)
+            frames = offline.RecordingSink()
+            how: dict[str, Any] = {"namespace": arguments.namespace, "progress": report}
+            if smoothing:
+                outcome = offline.run(reader, intake, {}, sink, frame_sink=frames, **how)
+                for name, estimator in smoothing.items():
+                    sink(name, _estimates(estimator.smooth(frames.recording())))
+            else:
+                outcome = offline.run(reader, intake, estimators, sink, **how)
     for text in outcome.warnings:
         warn(text)
     out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}")
@@ -98,6 +122,12 @@ def _csv_sink(arguments: argparse.Namespace, estimators: dict[str, Estimator]) -
             yield sink
     except OSError as error:
         raise OutputError(f"{arguments.output}: cannot be written: {error.strerror}") from None
+
+
+def _estimates(series: Series) -> list[Estimate]:
+    tables = series.position, series.velocity, series.variance, series.status
+    rows = zip(series.stamps.tolist(), *(map(tuple, table.tolist()) for table in tables), strict=True)
+    return [Estimate(stamp, q, v, variance, status) for stamp, q, v, variance, status in rows]
 
 
 def _values(estimate: Estimate) -> Iterator[float]:

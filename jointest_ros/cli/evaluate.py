@@ -22,13 +22,15 @@ from jointest_ros.cli.common import (
     load_estimators,
     out,
     progress,
+    smoothers,
     warn,
     write_text,
 )
 from jointest_ros.cli.tables import consistency_line, error_tables, input_table
 from jointest_ros.config import Configuration
 from jointest_ros.core.frame import Series
-from jointest_ros.evaluation import plots
+from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.evaluation import peers, plots
 from jointest_ros.evaluation.metrics import errors, has_figures
 from jointest_ros.evaluation.truth import Truth
 
@@ -50,6 +52,22 @@ def add_parser(commands: Parsers[Any]) -> None:
     add_config(parser)
     parser.add_argument(
         "--skip", type=float, default=0.0, metavar="S", help="leave out the first S seconds (default: 0)"
+    )
+    parser.add_argument(
+        "--moving",
+        action="store_true",
+        help=f"judge only the truth samples at which the recording says that it moves (topic {offline.TRUTH_MOVEMENT})",
+    )
+    parser.add_argument(
+        "--peers",
+        action="store_true",
+        help="the orientation filters of vqf, imufusion and ahrs as well (docs/peers.md); they are installed by "
+        "pip install 'jointest_ros[peers]'",
+    )
+    parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="the smoother as well where an estimator has one (accel_ekf): every estimate from the whole recording",
     )
     parser.add_argument(
         "--json",
@@ -75,6 +93,7 @@ class Evaluation:
         series: estimates by estimator.
         joints: columns of the series by estimator.
         truth: what they are compared with.
+        headings: peer -> how its heading was taken.
     """
 
     document: dict[str, Any]
@@ -82,6 +101,7 @@ class Evaluation:
     series: dict[str, Series]
     joints: dict[str, tuple[str, ...]]
     truth: Truth
+    headings: dict[str, str]
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -91,10 +111,22 @@ def run(arguments: argparse.Namespace) -> int:
     pictures = _pictures(arguments.plot, arguments.bags)
     configuration = config.load(arguments.config)
     load_estimators(configuration, arguments.estimator)
+    if arguments.peers:
+        peers.check_installed()
+    imus = sum(sensor.gyro and sensor.accel for sensor in configuration.robot.sensors) if arguments.peers else 0
     documents, code = [], 0
     for bag, picture in zip(arguments.bags, pictures, strict=True):
         try:
-            done = evaluate(bag, configuration, arguments.estimator, arguments.skip, arguments.namespace)
+            done = evaluate(
+                bag,
+                configuration,
+                arguments.estimator,
+                arguments.skip,
+                arguments.namespace,
+                moving=arguments.moving,
+                with_peers=arguments.peers,
+                smooth=arguments.smooth,
+            )
         except BagError as error:
             complain("evaluate", error)
             code = 2
@@ -102,8 +134,11 @@ def run(arguments: argparse.Namespace) -> int:
         documents.append(done.document)
         if arguments.json != "-":
             out.print(f"{bag}: {done.document['duration_s']:.1f} s, after {arguments.skip:g} s")
-            for table in (*error_tables(done.document["estimators"]), input_table(done.document["input"])):
+            for table in (*error_tables(done.document["estimators"], imus), input_table(done.document["input"])):
                 out.print(table)
+            if done.headings:
+                cells = ", ".join(f"{name} {heading}" for name, heading in done.headings.items())
+                out.print(f"heading of the peers, the better of two ways each: {cells}")
             if line := consistency_line(done.document["estimators"]):
                 out.print(line)
         if done.damage:
@@ -117,34 +152,78 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def evaluate(
-    bag: Path, configuration: Configuration, chosen: list[str] | None, skip_s: float, namespace: str = ""
+    bag: Path,
+    configuration: Configuration,
+    chosen: list[str] | None,
+    skip_s: float,
+    namespace: str = "",
+    *,
+    moving: bool = False,
+    with_peers: bool = False,
+    smooth: bool = False,
 ) -> Evaluation:
     """Run estimators over one recording and compare with its ground truth.
 
+    Args:
+        chosen: names of estimators; None: all of the configuration.
+        skip_s: truth samples before this time after the first that is judged are left out, s.
+        moving: judge only while the recording says that it moves.
+        with_peers: run the filters of others too.
+        smooth: smoothers too, as `<estimator>_smoothed`.
+
     Raises:
+        ConfigurationError: no estimator can smooth.
+        PeerError: the peers are not installed, or the robot has no IMU for them.
         BagError: the recording cannot be read, does not fit the configuration or has no ground truth of its joints.
     """
     estimators = load_estimators(configuration, chosen)
     intake = Intake(configuration.robot, configuration.timing)
-    sink = offline.SeriesSink(estimators)
+    smoothing = smoothers(estimators) if smooth else {}
+    sink, frames = offline.SeriesSink(estimators), offline.RecordingSink()
     with BagReader(bag) as reader, progress(f"evaluate {bag}") as report:
         if not offline.has_truth(reader, namespace):
             raise BagError(
                 f"{bag}: no ground truth (topics {offline.TRUTH_JOINTS}, {offline.TRUTH_ORIENTATION}); "
                 "`jointest estimate` does without"
             )
-        outcome = offline.run(reader, intake, estimators, sink, namespace=namespace, progress=report, consistency=True)
-        duration = reader.duration_s
-    series = {name: sink.series(name) for name in estimators}
-    tables = {}
-    for name, estimator in estimators.items():
-        tables[name] = errors(
-            series[name], estimator.joints, outcome.truth, skip_s, _continuous(configuration), estimator.torso
+        keep = {"frame_sink": frames} if with_peers or smoothing else {}
+        outcome = offline.run(
+            reader, intake, estimators, sink, namespace=namespace, progress=report, consistency=True, **keep
         )
-        tables[name] |= {"nis": outcome.nis[name], "ns_per_frame": outcome.ns_per_frame[name], "frames": outcome.frames}
+        duration = reader.duration_s
+    if moving and not outcome.truth.movement:
+        raise BagError(f"{bag}: --moving: no topic {offline.TRUTH_MOVEMENT} that says when it moves")
+    truth = outcome.truth.while_moving() if moving else outcome.truth
+    series = {name: sink.series(name) for name in estimators}
+    judged = dict(estimators)
+    for name, estimator in smoothing.items():
+        smoothed = f"{name}_smoothed"
+        judged[smoothed], series[smoothed] = estimator, estimator.smooth(frames.recording())
+    tables = {}
+    for name, estimator in judged.items():
+        tables[name] = errors(
+            series[name],
+            estimator.joints,
+            truth,
+            skip_s,
+            _continuous(configuration),
+            estimator.torso,
+            headings=bool(getattr(estimator.params, "mag_weight", 0.0)),
+        )
+        costs = {"nis": outcome.nis.get(name), "ns_per_frame": outcome.ns_per_frame.get(name)}
+        tables[name] |= {**costs, "frames": outcome.frames}
     if not any(has_figures(table) for table in tables.values()):
         known = ", ".join([*outcome.truth.position, *outcome.truth.orientation]) or "nothing that can be read"
         raise BagError(f"{bag}: no estimate matches the ground truth (of {known}) after {skip_s:g} s")
+    joints = {name: estimator.joints for name, estimator in judged.items()}
+    headings = {}
+    if with_peers:
+        params, recording = configuration.estimators.get(Pcf.name), frames.recording()
+        for peer in peers.PEERS:
+            name = f"{peers.PREFIX}{peer}"
+            found = peers.run(peer, configuration.robot, recording, params if isinstance(params, PcfParams) else None)
+            tables[name], series[name], headings[name] = peers.judge(found, truth, skip_s, _continuous(configuration))
+            joints[name] = found.joints
     for text in outcome.warnings:
         warn(text)
     document = {
@@ -154,8 +233,7 @@ def evaluate(
         "estimators": tables,
         "input": outcome.inputs,
     }
-    joints = {name: estimator.joints for name, estimator in estimators.items()}
-    return Evaluation(document, outcome.damage, series, joints, outcome.truth)
+    return Evaluation(document, outcome.damage, series, joints, truth, headings)
 
 
 def _continuous(configuration: Configuration) -> set[str]:

@@ -7,7 +7,7 @@ import os
 import sys
 
 from jointest_ros import __version__
-from jointest_ros.cli import calibrate, convert, demo, estimate, evaluate, reproduce, simulate
+from jointest_ros.cli import bound, calibrate, convert, demo, estimate, evaluate, reproduce, simulate
 from jointest_ros.cli.common import complain
 from jointest_ros.core.errors import JointestError
 
@@ -32,7 +32,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"jointest {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (demo, simulate, convert, estimate, evaluate, calibrate, reproduce):
+    for module in (demo, simulate, convert, estimate, evaluate, calibrate, bound, reproduce):
         module.add_parser(commands)
     return parser
 

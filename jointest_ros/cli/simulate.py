@@ -11,9 +11,8 @@ from jointest_ros.bags import synthetic
 from jointest_ros.bags.cdr import JOINT_STATE
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter
-from jointest_ros.cli.common import Parsers, out, progress, write_text
+from jointest_ros.cli.common import Parsers, add_params, given_params, out, param_flag, progress, write_text
 from jointest_ros.config.text import robot_yaml
-from jointest_ros.core.params import allowed_text
 from jointest_ros.sim.scenarios import SCENARIOS, Rig
 from jointest_ros.sim.simulated import read_options
 
@@ -28,7 +27,7 @@ def add_parser(commands: Parsers[Any]) -> None:
     )
     rigs = parser.add_subparsers(dest="rig", metavar="RIG", required=True)
     for rig in SCENARIOS.values():
-        epilog = "scenarios:\n" + "\n".join(f"  {name:8} {text}" for name, text in rig.scenarios.items())
+        epilog = "scenarios:\n" + "\n".join(f"  {name:13} {text}" for name, text in rig.scenarios.items())
         one = rigs.add_parser(
             rig.name,
             help=rig.description,
@@ -41,29 +40,14 @@ def add_parser(commands: Parsers[Any]) -> None:
         )
         one.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="default: %(default)s")
         one.add_argument("--overwrite", action="store_true", help="replace a recording of that name and its BAG.yaml")
-        for spec in dataclasses.fields(rig.options):
-            _add_option(one, spec)
+        add_params(one, rig.options)
         one.set_defaults(run=run)
-
-
-def _add_option(parser: argparse.ArgumentParser, spec: dataclasses.Field[Any]) -> None:
-    """An option from the declaration of a parameter; its range is checked where it is declared."""
-    flag = f"--{_flag(spec)}"
-    default: Any = spec.default
-    allowed = "" if isinstance(default, bool) else f"{allowed_text(spec)}; "
-    shown = ("on" if default else "off") if isinstance(default, bool) else default
-    text = f"{spec.metadata['description']} ({allowed}default: {shown})".replace("%", "%%")
-    if isinstance(default, bool):
-        parser.add_argument(flag, dest=spec.name, default=default, action=argparse.BooleanOptionalAction, help=text)
-    else:
-        parser.add_argument(flag, dest=spec.name, type=type(default), default=default, metavar="X", help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
     rig: Rig = SCENARIOS[arguments.rig]
-    names = [spec.name for spec in dataclasses.fields(rig.options)]
-    options = read_options(rig.options, {name: getattr(arguments, name) for name in names})
+    options = read_options(rig.options, given_params(arguments, rig.options))
     configuration = arguments.output.parent / f"{arguments.output.name}.yaml"
     if configuration.exists() and not arguments.overwrite:
         raise BagError(f"{configuration}: exists already; remove it, choose another name or give --overwrite")
@@ -94,9 +78,5 @@ def _given(spec: dataclasses.Field[Any], value: Any) -> str:
     if value == spec.default:
         return ""
     if isinstance(value, bool):
-        return f" --{'' if value else 'no-'}{_flag(spec)}"
-    return f" --{_flag(spec)} {value}"
-
-
-def _flag(spec: dataclasses.Field[Any]) -> str:
-    return spec.name.removesuffix("_hz").removesuffix("_s").removesuffix("_deg").replace("_", "-")
+        return f" --{'' if value else 'no-'}{param_flag(spec)}"
+    return f" --{param_flag(spec)} {value}"

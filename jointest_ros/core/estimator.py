@@ -68,6 +68,10 @@ class Estimator(ABC):
         """The chain whose torso it estimates, if it does."""
         return None
 
+    def warnings(self) -> list[str]:
+        """What its inputs so far tell of the sensors that a user should know, one line each."""
+        return []
+
     def biases(self) -> dict[str, float]:
         """The latest sensor biases by name (rad/s for gyros, V for Hall sensors, m/s^2 for accelerometers)."""
         return {}

@@ -5,7 +5,7 @@ Stamps are integer nanoseconds of the sensors' clock; everything else is SI (rad
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Any
@@ -101,6 +101,33 @@ class Recording:
             reset=np.array([f.reset for f in frames], dtype=bool),
         )
 
+    @classmethod
+    def concatenate(cls, parts: Sequence[Recording]) -> Recording:
+        """Join consecutive stretches, at least one; what a stretch has nothing of is NaN there, no reset."""
+
+        def rows(tables: list[FloatArray | None], nothing: FloatArray) -> FloatArray:
+            filled = [
+                np.tile(nothing, (len(part), 1)) if table is None else table
+                for part, table in zip(parts, tables, strict=True)
+            ]
+            return np.concatenate(filled)
+
+        def table(name: str) -> dict[str, FloatArray]:
+            tables: list[dict[str, FloatArray]] = [getattr(part, name) for part in parts]
+            sensors = dict.fromkeys(sensor for one in tables for sensor in one)
+            return {sensor: rows([one.get(sensor) for one in tables], np.full(3, np.nan)) for sensor in sensors}
+
+        widths = [part.hall.shape[1] for part in parts if part.hall is not None]
+        return cls(
+            np.concatenate([part.stamps for part in parts]),
+            table("gyro"),
+            table("accel"),
+            table("mag"),
+            rows([part.hall for part in parts], np.full(widths[0], np.nan)) if widths else None,
+            np.concatenate([np.full(len(p), np.nan) if p.period is None else p.period for p in parts]),
+            np.concatenate([np.zeros(len(p), dtype=bool) if p.reset is None else p.reset for p in parts]),
+        )
+
     def part(self, start: int, stop: int) -> Recording:
         """Rows `start` to `stop` (exclusive), without copying."""
         rows = slice(start, stop)
@@ -113,6 +140,14 @@ class Recording:
             None if self.period is None else self.period[rows],
             None if self.reset is None else self.reset[rows],
         )
+
+    def of(self, sensors: Collection[str]) -> Recording:
+        """Only some of the sensors, without copying."""
+        gyro, accel, mag = (
+            {sensor: table for sensor, table in tables.items() if sensor in sensors}
+            for tables in (self.gyro, self.accel, self.mag)
+        )
+        return Recording(self.stamps, gyro, accel, mag, self.hall, self.period, self.reset)
 
     def parts(self, rows: int = 512) -> Iterator[Recording]:
         """The recording in consecutive stretches: so many rows need be Python objects at the same time, not all."""

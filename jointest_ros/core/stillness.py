@@ -118,16 +118,21 @@ class Stillness:
             self._moved()
             return False
         for sensor in self.sensors:
-            gyro, accel = (_rows([getattr(part, name).get(sensor) for part in window]) for name in ("gyro", "accel"))
-            if not self.accel:
-                accel = np.zeros_like(gyro)
-            if len(gyro) < _FEWEST or len(accel) < _FEWEST:
+            gyro = _rows([part.gyro.get(sensor) for part in window])
+            if len(gyro) < _FEWEST:
                 self._moved()
                 return False
-            gyro_std, accel_std = gyro.std(axis=0), accel.std(axis=0)
-            gyro_mean, accel_mean = gyro.mean(axis=0), accel.mean(axis=0)
-            still = (gyro_std < self.gyro_std).all() and (accel_std < self.accel_std).all()
-            still = still and (abs(gyro_mean) < self.gyro_bias).all()
+            gyro_mean, gyro_std = _moments(gyro)
+            still = (gyro_std < self.gyro_std).all() and (abs(gyro_mean) < self.gyro_bias).all()
+            if not still:  # the accelerometer need not be looked at
+                self._moved()
+                return False
+            accel = _rows([part.accel.get(sensor) for part in window]) if self.accel else np.zeros_like(gyro)
+            if len(accel) < _FEWEST:
+                self._moved()
+                return False
+            accel_mean, accel_std = _moments(accel)
+            still = (accel_std < self.accel_std).all()
             if still and sensor in self.gyro_mean:
                 scatter = _CONSISTENT * gyro_std / np.sqrt(len(gyro)) + 0.02 * self.gyro_std
                 still = (abs(gyro_mean - self.gyro_mean[sensor]) < scatter).all()
@@ -147,5 +152,14 @@ class Stillness:
 
 def _rows(tables: list[FloatArray | None]) -> FloatArray:
     """The rows of all tables that are whole."""
-    rows = np.vstack([table for table in tables if table is not None] or [np.empty((0, 3))])
-    return np.asarray(rows[np.isfinite(rows).all(axis=1)])
+    present = [table for table in tables if table is not None] or [np.empty((0, 3))]
+    rows = present[0] if len(present) == 1 else np.vstack(present)
+    finite: Any = np.isfinite(rows)
+    return rows if finite.all() else np.asarray(rows[finite.all(axis=1)])
+
+
+def _moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation of the columns, which numpy's own functions take twice as long for."""
+    mean = np.add.reduce(rows) / len(rows)
+    centred = rows - mean
+    return mean, np.sqrt(np.einsum("ij,ij->j", centred, centred) / len(rows))

@@ -7,7 +7,7 @@ deviation, `coverage` the matched share of the truth samples.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -90,6 +90,17 @@ def joint_error(
 
 def inclination_error(series: Series, truth: Truth, sensor: str, skip_s: float = 0.0) -> MatchedError | None:
     """Angle between the estimated and the true vertical of one sensor; None where either has no orientation of it."""
+    return _orientation_error(series, truth, sensor, skip_s, inclination_deg)
+
+
+def heading_error(series: Series, truth: Truth, sensor: str, skip_s: float = 0.0) -> MatchedError | None:
+    """Turn about the vertical from the true to the estimated orientation of one sensor; None as for the inclination."""
+    return _orientation_error(series, truth, sensor, skip_s, heading_deg)
+
+
+def _orientation_error(
+    series: Series, truth: Truth, sensor: str, skip_s: float, degrees_of: Callable[[FloatArray, FloatArray], FloatArray]
+) -> MatchedError | None:
     if sensor not in truth.orientation or sensor not in series.orientation:
         return None
     stamps, quaternions = truth.orientation[sensor]
@@ -98,7 +109,7 @@ def inclination_error(series: Series, truth: Truth, sensor: str, skip_s: float =
     usable = np.flatnonzero(np.isfinite(estimates).all(axis=1))
     rows, matched = match(series.stamps[usable], stamps[kept])
     rows = usable[rows]
-    degrees = inclination_deg(estimates[rows], quaternions[kept][matched]) if len(rows) else np.empty(0)
+    degrees = degrees_of(estimates[rows], quaternions[kept][matched]) if len(rows) else np.empty(0)
     return MatchedError(stamps[kept][matched], rows, degrees, int(kept.sum()))
 
 
@@ -110,6 +121,13 @@ def inclination_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     return np.asarray(np.degrees(np.arctan2(sine, (one * two).sum(axis=1))))
 
 
+def heading_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
+    """Turn about the vertical nearest to estimate times inverse truth, (K, 4) quaternions each; (K,) degrees."""
+    _, _, z, w = (Rotation.from_quat(estimate) * Rotation.from_quat(truth).inv()).as_quat().T
+    degrees = np.degrees(2.0 * np.arctan2(z, w))
+    return np.asarray((degrees + 180.0) % 360.0 - 180.0)
+
+
 def errors(
     series: Series,
     joints: tuple[str, ...],
@@ -117,6 +135,8 @@ def errors(
     skip_s: float = 0.0,
     continuous: Collection[str] = (),
     chain: TorsoChain | None = None,
+    *,
+    headings: bool = False,
 ) -> dict[str, Any]:
     """All error figures of one estimator, keyed as in the JSON of the design; `nis` is that of the run.
 
@@ -125,6 +145,7 @@ def errors(
         skip_s: truth samples before this time after the first are left out, s.
         continuous: joints whose error is wrapped to [-180, 180) deg.
         chain: whose torso the estimator gives, if it does.
+        headings: the estimates have a heading (of a magnetometer); without one it is as arbitrary as its error.
     """
     ratios: list[FloatArray] = []
     positions: dict[str, Any] = {}
@@ -136,12 +157,17 @@ def errors(
             ratios.append(np.radians(error.degrees[variance > 0.0]) ** 2 / variance[variance > 0.0])
         if error := joint_error(series, column, truth, joint, skip_s, of="velocity"):
             velocities[joint] = error.figures()
-    inclinations = {sensor: inclination_error(series, truth, sensor, skip_s) for sensor in truth.orientation}
+    kinds = {"inclination": inclination_error, **({"heading": heading_error} if headings else {})}
+    orientation: dict[str, dict[str, Any]] = {}
+    for sensor in truth.orientation:
+        for kind, error_of in kinds.items():
+            if error := error_of(series, truth, sensor, skip_s):
+                orientation.setdefault(sensor, {})[kind] = error.figures()
     return {
         "joints": positions,
         "velocities": velocities,
         "torso": torso_errors(series, chain, truth, skip_s) if chain else {},
-        "orientation": {sensor: {"inclination": error.figures()} for sensor, error in inclinations.items() if error},
+        "orientation": orientation,
         "nis": None,
         "nees": float(np.mean(np.concatenate(ratios))) if any(map(len, ratios)) else None,
     }

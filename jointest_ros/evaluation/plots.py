@@ -82,7 +82,8 @@ def panels(
                 if error is not None and len(error.rows):
                     estimate = np.degrees(one.position[error.rows, column])
                     spread = 2.0 * np.degrees(np.sqrt(one.variance[error.rows, column]))
-                    curves[name] = Curve(_seconds(error.stamps, truth.stamps), error.degrees, estimate, spread)
+                    reported = spread if np.isfinite(spread).all() else None  # peers report none
+                    curves[name] = Curve(_seconds(error.stamps, truth.stamps), error.degrees, estimate, reported)
         known = after(truth.stamps, skip_s) & np.isfinite(angles)
         if curves:
             found.append(Panel(joint, curves, (_seconds(truth.stamps[known], truth.stamps), np.degrees(angles[known]))))

@@ -19,15 +19,34 @@ class Truth:
         position: joint -> (N,) rad.
         velocity: joint -> (N,) rad/s.
         orientation: sensor -> ((M,) ns, (M, 4) quaternion x, y, z, w, sensor to world).
+        movement: (stamp ns, whether it moves from then on), in the order of time; empty where nobody says so.
     """
 
     stamps: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     position: dict[str, FloatArray] = field(default_factory=dict)
     velocity: dict[str, FloatArray] = field(default_factory=dict)
     orientation: dict[str, tuple[NDArray[np.int64], FloatArray]] = field(default_factory=dict)
+    movement: tuple[tuple[int, bool], ...] = ()
 
     def __bool__(self) -> bool:
         return bool(len(self.stamps) or self.orientation)
+
+    def while_moving(self) -> Truth:
+        """Only the samples at which it moves."""
+        changes = np.array([stamp for stamp, _ in self.movement], dtype=np.int64)
+        moves = np.array([False, *(value for _, value in self.movement)])
+
+        def kept(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+            return np.asarray(moves[np.searchsorted(changes, stamps, side="right")])
+
+        rows = kept(self.stamps)
+        return Truth(
+            self.stamps[rows],
+            {joint: values[rows] for joint, values in self.position.items()},
+            {joint: values[rows] for joint, values in self.velocity.items()},
+            {sensor: (t[kept(t)], values[kept(t)]) for sensor, (t, values) in self.orientation.items()},
+            self.movement,
+        )
 
 
 def match(stamps: NDArray[np.int64], truth_stamps: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -119,7 +119,7 @@ class EstimatorNode(Node):
             self._publish_orientation = self.create_publisher(QuaternionStamped, "torso_orientation", 1000).publish
         self._offer_services()
         topics = self._subscribe(params)
-        self._diagnostics = Diagnostics(self, self.intake, topics, self.estimator.joints)
+        self._diagnostics = Diagnostics(self, self.intake, topics, self.estimator)
         self.get_logger().info(f"{kind.name}: {', '.join(self.estimator.joints)} from {', '.join(self.intake.topics)}")
 
     def _subscribe(self, params: NodeParams) -> dict[str, str]:

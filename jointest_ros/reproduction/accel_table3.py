@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +11,7 @@ from jointest_ros.core.accel.array import JointArrays, joint_arrays
 from jointest_ros.core.accel.ekf import AccelEkf
 from jointest_ros.core.accel.paper_model import PaperModel, PaperNoise
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.core.robot import STANDARD_GRAVITY, Robot
+from jointest_ros.core.robot import Robot
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import COLORS, JOINT_EKF, PRINTED_EKF, PRINTED_UKF, SMOOTHED
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -41,10 +40,7 @@ PAPER: dict[tuple[str, str], tuple[float, float, float]] = {
     ("impulse", PRINTED_EKF): (7.95, 11.42, 10.52),
     ("impulse", PRINTED_UKF): (7.92, 11.37, 10.51),
 }
-ALLOWING_UG = 1500.0  # ug/sqrt(Hz), what calibration and placement leave, counted as noise
-ALLOWING_EKF = f"{JOINT_EKF}, accel_noise_ug {ALLOWING_UG:g}"
-METHODS = (SMOOTHED, PRINTED_EKF, PRINTED_UKF, JOINT_EKF, ALLOWING_EKF)
-SHADES = COLORS | {ALLOWING_EKF: "#009e73"}
+METHODS = (SMOOTHED, PRINTED_EKF, PRINTED_UKF, JOINT_EKF)
 # What is wrong with the sensors: (calibration, placement) of the simulated arm.
 ALL = "all of it"
 CAUSES = {
@@ -77,8 +73,7 @@ def run(report: Report, options: Options) -> Result:
             "deg in 2 s; impulses of 90 deg in 0.4 s. Link a clamped, vertical plane.",
             "Errors of the sensors, each uniform: 20 mg and 1 % a channel, 2 mm and 1 deg a sensor. RMSE of θ over all "
             "samples. Analytical: centred mean of 25 angles. EKF and UKF as printed, without (20), from the true state "
-            f"at rest with P0 = 1. {JOINT_EKF}: the production filter with its defaults, started by itself; and told "
-            "that the sensors are noisier than their data sheets.",
+            f"at rest with P0 = 1. {JOINT_EKF}: the production filter with its defaults, started by itself.",
         ),
         tables=(_beside(found), _by_cause(found)),
         draw=lambda figure: _draw(figure, found),
@@ -92,8 +87,6 @@ def run(report: Report, options: Options) -> Result:
             "zero and in time; links that bend. Its seven calibration poses all lie in the plane, which leaves what is "
             "across it undetermined.",
             "A mean over 25 samples flattens movements at 1 Hz by 10 %, whatever the sensors.",
-            "Where sensors have little noise, and scale and place are not known as well, accel_ekf takes these errors "
-            "for motion in fast movements. Count them as noise (accel_noise_ug).",
         ),
         size=(11.0, 5.0),
     )
@@ -112,9 +105,8 @@ def errors(settings: Sequence[Setting], seeds: range, duration_s: float, report:
         report(number, len(settings))
         difference = {SMOOTHED: means[number] - truth[number][margin:-margin]}
         difference |= {method: values[number] - truth[number] for method, values in states.items()}
-        for method, noise_ug in ((JOINT_EKF, None), (ALLOWING_EKF, ALLOWING_UG)):
-            estimates = [AccelEkf(_robot(draw, noise_ug)).run(draw.recording).position[:, 0] for draw in one]
-            difference[method] = -np.array(estimates) - truth[number]
+        estimates = [AccelEkf(draw.robot).run(draw.recording).position[:, 0] for draw in one]
+        difference[JOINT_EKF] = -np.array(estimates) - truth[number]
         for method, values in difference.items():
             found[(*setting, method)] = trials.rmse_deg(trials.wrapped(values))
     return found
@@ -153,15 +145,6 @@ def _printed(method: str, recordings: Sequence[Sequence[SimulatedRobot]], readin
     return states[..., 2].reshape(readings.shape[:3])
 
 
-def _robot(draw: SimulatedRobot, noise_ug: float | None) -> Robot:
-    """As the configuration has it; with another noise of the accelerometers unless None."""
-    if noise_ug is None:
-        return draw.robot
-    noise = noise_ug * 1e-6 * STANDARD_GRAVITY
-    sensors = tuple(dataclasses.replace(sensor, accel_noise=noise) for sensor in draw.robot.sensors)
-    return dataclasses.replace(draw.robot, sensors=sensors)
-
-
 def _beside(found: Errors) -> ResultTable:
     rows: list[tuple[Cell, ...]] = []
     for movement, name in MOVEMENTS.items():
@@ -197,7 +180,7 @@ def _draw(figure: Figure, found: Errors) -> None:
                 at,
                 list(map(np.median, values)),
                 width,
-                color=SHADES[method],
+                color=COLORS[method],
                 label=method,
             )
             if ("slow_periodic", method) in PAPER:

@@ -55,7 +55,7 @@ def test_an_existing_recording(song_file: Path, jointest: Jointest, tmp_path: Pa
     assert jointest("convert", "song", song_file, "-o", bag, "--overwrite").code == 0
 
 
-@pytest.mark.parametrize("name", ["song", "broad"])
+@pytest.mark.parametrize("name", ["song", "broad", "multiarm"])
 def test_files_of_another_kind(name: str, jointest: Jointest, tmp_path: Path) -> None:
     (tmp_path / "empty").touch()
     (tmp_path / "text").write_text("time,angle\n0,1\n", encoding="utf-8")
@@ -79,3 +79,15 @@ def test_help_names_the_formats(jointest: Jointest) -> None:
     text = jointest("convert", "--help").out
     assert "formats:\n  song     two MPU6050 and a shaft encoder" in text
     assert "\n  broad    one IMU" in text
+    assert "\n  multiarm semi-synthetic: accelerometers computed on a real double pendulum" in text
+
+
+def test_semi_synthetic_recordings_are_called_so(shared_data: Path, jointest: Jointest, tmp_path: Path) -> None:
+    source = shared_data / "multiarm" / "DoublePendulumDataForParameterEstimation.mat"
+    options = ("--sensor", "adxl345", "--rate", 100, "--seed", 2, "--calibration", "none", "--placement", "approximate")
+    result = jointest("convert", "multiarm", source, "-o", tmp_path / "run", *options)
+    assert (result.code, result.err) == (0, "")
+    assert "  /imu/arm_2_lower  8001 messages" in result.out
+    assert "  semi-synthetic: the motion is that of a real double pendulum (encoders)" in result.out
+    text = jointest("convert", "multiarm", source, "-o", tmp_path / "again", "--sensor", "mpu6050").refusal()
+    assert text == "sensor: 'mpu6050' is not allowed; give one of ideal, adxl345, adxl357, bno055"

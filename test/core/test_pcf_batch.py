@@ -17,6 +17,9 @@ MODES = [
     *({"formulation": formulation, "zero_at_start": True} for formulation in FORMULATIONS),
     *({"formulation": formulation, "still_start": 0.0} for formulation in FORMULATIONS),
     *({"formulation": formulation, "mag_weight": 0.5} for formulation in FORMULATIONS),
+    *({"formulation": formulation, "accel_time": 1.0} for formulation in FORMULATIONS),
+    {"formulation": "hinge", "lever_arms": True},
+    {"formulation": "hinge", "lever_arms": True, "accel_time": 0.5, "mag_weight": 0.5},
 ]
 
 

@@ -14,7 +14,8 @@ from jointest_ros.core.pcf.attitude import ComplementaryFilter, Gains, joint_ang
 from jointest_ros.core.pcf.pcf import Pcf, PcfParams
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import log, norm
-from jointest_ros.sim.finger import AXIS, LINKS, FingerRecording, simulate
+from jointest_ros.sim.finger import AXIS, LINKS, simulate
+from jointest_ros.sim.hand import HandRecording
 from jointest_ros.sim.imu import GRAVITY
 
 GAINS = Gains(1.0, 0.05, 1.0, 0.0)
@@ -27,17 +28,17 @@ def rms_deg(estimated: FloatArray, truth: FloatArray, stamps: FloatArray) -> flo
     return float(np.degrees(np.sqrt(np.mean((estimated - truth)[late] ** 2))))
 
 
-def production(recorded: FingerRecording, formulation: str, **params: object) -> Series:
+def production(recorded: HandRecording, formulation: str, **params: object) -> Series:
     return Pcf(recorded.robot, PcfParams(formulation=formulation, zero_at_start=True, **params)).run(recorded.recording)
 
 
-def mountings(recorded: FingerRecording, joint: int) -> tuple[Rotation, Rotation]:
+def mountings(recorded: HandRecording, joint: int) -> tuple[Rotation, Rotation]:
     parent, child = recorded.robot.sensors[joint : joint + 2]
     return Rotation.from_quat(parent.mounting), Rotation.from_quat(child.mounting)
 
 
 def algorithm_2(
-    recorded: FingerRecording, joint: int, printed: Printed, zero: FloatArray | None = None, ki: float = 0.05
+    recorded: HandRecording, joint: int, printed: Printed, zero: FloatArray | None = None, ki: float = 0.05
 ) -> FloatArray:
     """Angle of one joint by the printed algorithm, rad; bias removed; R_o from the mountings unless given."""
     parent, child = LINKS[joint : joint + 2]
@@ -57,7 +58,7 @@ def algorithm_2(
 
 
 @pytest.fixture(scope="module")
-def turning_palm() -> FingerRecording:
+def turning_palm() -> HandRecording:
     """PC at 200 Hz, which is enough for matrices in Python."""
     return simulate("PC", seed=11, rate_hz=200.0, duration_s=40.0, mounting="mounted")
 
@@ -89,14 +90,14 @@ def test_integral_of_step_8_is_multiplied_by_dt() -> None:
     assert rms_deg(series.position[:, 0], truth, stamps) < 0.2
 
 
-def test_order_of_the_error_in_19(turning_palm: FingerRecording) -> None:
+def test_order_of_the_error_in_19(turning_palm: HandRecording) -> None:
     angles = algorithm_2(turning_palm, 0, Printed(error=True))
     stamps, truth = turning_palm.recording.stamps, turning_palm.truth_position[:, 0]
     assert rms_deg(angles, truth, stamps) > 10.0
     assert rms_deg(production(turning_palm, "relative").position[:, 0], truth, stamps) < 0.2
 
 
-def test_relative_rate_of_18_is_in_one_frame(turning_palm: FingerRecording) -> None:
+def test_relative_rate_of_18_is_in_one_frame(turning_palm: HandRecording) -> None:
     """Printed: degrees wrong as soon as the palm turns."""
     series = production(turning_palm, "relative")
     stamps = turning_palm.recording.stamps
@@ -109,7 +110,7 @@ def test_relative_rate_of_18_is_in_one_frame(turning_palm: FingerRecording) -> N
     assert math.sqrt(np.mean(np.square(ours))) < 0.2
 
 
-def test_right_form_of_the_printed_algorithm_agrees_with_ours(turning_palm: FingerRecording) -> None:
+def test_right_form_of_the_printed_algorithm_agrees_with_ours(turning_palm: HandRecording) -> None:
     """Two implementations; the matrices lag by one sample in the correction, as Algorithm 2 does."""
     series = production(turning_palm, "relative")
     stamps = turning_palm.recording.stamps
@@ -218,7 +219,7 @@ def test_zero_pose_by_triad_and_not_from_the_filter() -> None:
     assert math.sqrt(np.mean(np.square(ours))) < 0.25
 
 
-def triad_zero(recorded: FingerRecording, joint: int, resting: FloatArray) -> FloatArray:
+def triad_zero(recorded: HandRecording, joint: int, resting: FloatArray) -> FloatArray:
     """R_o as `calibrate_zero` has it: by the axis first and gravity second."""
     m1, m2 = mountings(recorded, joint)
     parent, child = (recorded.recording.accel[name][resting].mean(axis=0) for name in LINKS[joint : joint + 2])

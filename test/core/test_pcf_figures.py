@@ -17,7 +17,8 @@ from jointest_ros.core.frame import FloatArray, Recording, Series
 from jointest_ros.core.pcf.attitude import ComplementaryFilter, Gains
 from jointest_ros.core.pcf.pcf import Pcf, PcfParams
 from jointest_ros.core.rotation import log
-from jointest_ros.sim.finger import ACCEL_NOISE, GYRO_NOISE, FingerRecording, simulate
+from jointest_ros.sim.finger import simulate
+from jointest_ros.sim.hand import ACCEL_NOISE, GYRO_NOISE, HandRecording
 from jointest_ros.sim.imu import GRAVITY, random_direction
 
 SEEDS = range(10)
@@ -26,18 +27,18 @@ ELEVATION_SEEDS = range(3)
 ACCEL_BIAS = 0.030 * GRAVITY
 
 
-def squared_errors(recorded: FingerRecording, series: Series) -> FloatArray:
+def squared_errors(recorded: HandRecording, series: Series) -> FloatArray:
     """Mean square by joint after 15 s, deg^2."""
     late = series.stamps > 15_000_000_000
     return np.mean(np.degrees(series.position - recorded.truth_position)[late] ** 2, axis=0)
 
 
-def calibrated(recorded: FingerRecording, **params: object) -> Series:
+def calibrated(recorded: HandRecording, **params: object) -> Series:
     """Gyro bias and zero pose from the still start."""
     return Pcf(recorded.robot, PcfParams(zero_at_start=True, **params)).run(recorded.recording)
 
 
-def uncalibrated(recorded: FingerRecording) -> Series:
+def uncalibrated(recorded: HandRecording) -> Series:
     """Only the zero pose is taken, at the end of the still start."""
     estimator = Pcf(recorded.robot, PcfParams(still_start=0.0))
     resting = int(np.searchsorted(recorded.recording.stamps, 10_000_000_000))
@@ -47,12 +48,12 @@ def uncalibrated(recorded: FingerRecording) -> Series:
     return Series.concatenate([before, after])
 
 
-def with_accel_bias(recorded: FingerRecording, seed: int) -> FingerRecording:
+def with_accel_bias(recorded: HandRecording, seed: int) -> HandRecording:
     generator = np.random.default_rng(seed)
     plain = recorded.recording
     biased = {name: accel + ACCEL_BIAS * random_direction(generator) for name, accel in plain.accel.items()}
     recording = Recording(plain.stamps, plain.gyro, biased, period=plain.period)
-    return FingerRecording(
+    return HandRecording(
         recorded.robot,
         recording,
         recorded.joint_names,

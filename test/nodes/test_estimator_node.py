@@ -255,14 +255,16 @@ def test_diagnostics(bench: Bench, finger_config: Path) -> None:
     inputs = [f"input {bench.namespace}/imu/{name}" for name in ("palm", "proximal", "middle", "distal")]
 
     report = reports.next()
-    assert list(report) == [*inputs, *(f"joint {joint}" for joint in JOINTS)]
+    assert list(report) == [*inputs, *(f"joint {joint}" for joint in JOINTS), "IMU pairs"]
     assert {status.message for status in report.values()} == {"never received", "no estimate yet"}
     assert {status.level for status in report.values()} == {DiagnosticStatus.STALE}
     bench.until(lambda: any(log.msg.startswith("no messages on ") and inputs[0][6:] in log.msg for log in logs))
 
     bench.send(node, STILL)
     report = reports.until(
-        lambda report: all(values(report[name]) == {"messages": "200", "used": "200"} for name in inputs)
+        lambda report: all(
+            {"messages": "200", "used": "200"}.items() <= values(report[name]).items() for name in inputs
+        )
     )
     assert {status.level for status in report.values()} == {DiagnosticStatus.OK}
     assert report[inputs[0]].message.endswith(" messages/s")

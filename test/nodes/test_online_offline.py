@@ -40,3 +40,10 @@ def test_simulation(
     options = {"scenario": "PC", "rate_hz": rate_hz, "duration_s": seconds, "zero_pose_s": 1.5, "seed": 3}
     bag = write_simulation(tmp_path / "bag", "finger", **options)
     play_and_compare(make_bench(executor), bag, finger_config, source="finger", speed=speed, **options)
+
+
+def test_gripper_at_1_khz(bench: Bench, gripper_config: Path, tmp_path: Path) -> None:
+    """Seven IMUs, and a link without one."""
+    options = {"scenario": "palm", "rate_hz": 1000.0, "duration_s": 3.0, "zero_pose_s": 1.5, "seed": 4}
+    bag = write_simulation(tmp_path / "bag", "gripper", **options)
+    play_and_compare(bench, bag, gripper_config, source="gripper", **options)

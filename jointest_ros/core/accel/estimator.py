@@ -44,12 +44,17 @@ class AccelEstimator(Estimator):
         sensors = {sensor.name: sensor for one in self.arrays for sensor in one.sensors}
         self._names = [[sensor.name for sensor in one.sensors] for one in self.arrays]
         self._projections = [one.projections for one in self.arrays]
-        densities = [[sensor.accel_noise for sensor in one.sensors] for one in self.arrays]
+        least = self._least_noise()
+        densities = [[max(sensor.accel_noise, least) for sensor in one.sensors] for one in self.arrays]
         self._spectra = [np.repeat(np.square(density), 2) for density in densities]  # (m/s^2)^2/Hz of the channels
         self._saturated = {s.name: saturation(s) for s in sensors.values() if math.isfinite(s.accel_range)}
         self._frozen = Frozen(sensors.values(), after=0)
         self._link_names = _link_names(self.arrays)
         self.reset()
+
+    def _least_noise(self) -> float:
+        """The noise density that is assumed of every accelerometer at least, m/s^2/sqrt(Hz)."""
+        return 0.0
 
     @abstractmethod
     def _make_filter(self, arrays: JointArrays) -> PairFilter:

@@ -165,7 +165,7 @@ def joint_angles(axes: tuple[Vec3, ...], turned: Quat) -> tuple[float, ...]:
     [-90, 90] deg when the third axis completes the frame (roll-pitch-yaw), or [0, 180] deg when it repeats the first.
     """
     if len(axes) == 1:
-        return (dot(log(turned), axes[0]),)
+        return (_turn_about(axes[0], turned),)
     first, second = axes[0], axes[1]
     if len(axes) == 2:
         one = _angle_about(first, second, rotate(turned, second))
@@ -220,6 +220,16 @@ def lever(axis: Vec3, accel: Vec3) -> float:
     """Squared sine of the angle between a unit `axis` and the measured gravity; 0 without gravity."""
     length2 = dot(accel, accel)
     return 1.0 - dot(axis, accel) ** 2 / length2 if length2 > 0.0 else 0.0
+
+
+def _turn_about(axis: Vec3, turned: Quat) -> float:
+    """dot(log(turned), axis), written out: every pair needs it at every sample."""
+    x, y, z, w = turned
+    if w < 0.0:
+        x, y, z, w = -x, -y, -z, -w
+    s = math.sqrt(x * x + y * y + z * z)
+    k = 2.0 / w * (1.0 - s * s / (3.0 * w * w)) if s < 1e-6 else 2.0 * math.atan2(s, w) / s
+    return k * (axis[0] * x + axis[1] * y + axis[2] * z)
 
 
 def _about(axis: Vec3, angle: float) -> Quat:

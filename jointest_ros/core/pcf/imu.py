@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 from jointest_ros.core.frame import Frame, Status, Vec3
 from jointest_ros.core.pcf.attitude import STILL, UP, ComplementaryFilter, Gains, heading_north, world_field
+from jointest_ros.core.pcf.average import AccelAverage
+from jointest_ros.core.pcf.field import FieldWatch
+from jointest_ros.core.pcf.settings import NO_SMOOTHING, Smoothing
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.rotation import between, exp, multiply
 
@@ -62,18 +66,60 @@ def bridge(before: Vec3, now: Vec3, elapsed: float, measured: float) -> Vec3:
 class Imu:
     """The samples of one sensor as a filter wants them, with the gyro bias removed that was calibrated at rest."""
 
-    def __init__(self, sensor: Sensor) -> None:
-        self.sensor = sensor
-        self.bias: Vec3 = STILL  # rad/s
-        self.before: Vec3 = STILL  # rad/s, rate of the sample before
+    def __init__(self, sensor: Sensor, smoothing: Smoothing) -> None:
+        self.sensor, self._name = sensor, sensor.name
+        self.average = AccelAverage(smoothing.accel_time) if smoothing.accel_time else None
+        self.watch = FieldWatch(smoothing.field)
+        self.reset()
 
-    def read(self, frame: Frame) -> tuple[Vec3, Vec3] | None:
-        """(gyro without bias, accelerometer) or None where this frame has not both."""
-        gyro, accel = frame.gyro.get(self.sensor.name), frame.accel.get(self.sensor.name)
+    def restart(self) -> None:
+        """Forget the newest samples; the bias and the reference of the field are kept."""
+        self.before: Vec3 = STILL  # rad/s, rate of the sample before
+        self.watch.restart()
+        if self.average is not None:
+            self.average.restart()
+
+    def reset(self) -> None:
+        """Forget the bias and the reference too."""
+        self.bias: Vec3 = STILL  # rad/s
+        self.watch.reset()
+        self.restart()
+
+    def read(self, frame: Frame, elapsed: float, integral: Vec3) -> tuple[Vec3, Vec3] | None:
+        """(gyro without bias, accelerometer, averaged if wanted) or None where this frame has not both.
+
+        `elapsed` s since the sample before; NaN: it is the first one, or after a gap. `integral`: of the filter, rad/s,
+        minus what it has found of the bias since.
+        """
+        gyro, accel = frame.gyro.get(self._name), frame.accel.get(self._name)
         if gyro is None or accel is None:
             return None
-        b = self.bias
-        return (gyro[0] - b[0], gyro[1] - b[1], gyro[2] - b[2]), accel
+        (x, y, z), (bx, by, bz) = gyro, self.bias
+        rate = (x - bx, y - by, z - bz)
+        if self.average is not None and self.bias != STILL:  # measured
+            carried = (rate[0] + integral[0], rate[1] + integral[1], rate[2] + integral[2])
+            accel = self.average.add(carried, accel, elapsed)
+        return rate, accel
+
+    def sound_field(self, frame: Frame) -> Vec3 | None:
+        """The magnetic field, or None where this frame has none or it is disturbed. Once a frame."""
+        field = frame.mag.get(self._name)
+        if field is None:
+            return None
+        return field if self.watch.sound(frame.stamp, frame.gyro[self._name], frame.accel[self._name], field) else None
+
+    def get_state(self) -> dict[str, Any]:
+        """All that changes, as plain numbers and lists."""
+        average = [] if self.average is None else self.average.get_state()
+        state = {"bias": list(self.bias), "before": list(self.before), "watch": self.watch.get_state()}
+        return {**state, "average": average}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from `get_state`."""
+        self.bias, self.before = tuple(state["bias"]), tuple(state["before"])
+        self.watch.set_state(state["watch"])
+        if self.average is not None:
+            self.average.set_state(state["average"])
 
 
 class AbsoluteImu:
@@ -82,23 +128,28 @@ class AbsoluteImu:
     stamp: int | None  # ns, of the newest sample
     mag_stamp: int | None
 
-    def __init__(self, sensor: Sensor, gains: Gains, gaps: Gaps) -> None:
-        self.imu, self.gaps = Imu(sensor), gaps
+    def __init__(self, sensor: Sensor, gains: Gains, gaps: Gaps, smoothing: Smoothing = NO_SMOOTHING) -> None:
+        self.imu, self.gaps = Imu(sensor, smoothing), gaps
         self.attitude = ComplementaryFilter(gains)
         self.restart()
 
+    @property
+    def disturbed(self) -> bool:
+        """The magnetometer is, and has no influence."""
+        return self.imu.watch.disturbed
+
     def update(self, frame: Frame) -> None:
         """One step; none where the sensor is missing."""
-        sample = self.imu.read(frame)
+        attitude, imu = self.attitude, self.imu
+        elapsed = math.nan if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
+        sample = imu.read(frame, elapsed if elapsed <= self.gaps.max_gap else math.nan, attitude.integral)
         if sample is None:
             return
         gyro, accel = sample
-        attitude = self.attitude
-        field = frame.mag.get(self.imu.sensor.name) if attitude.gains.mag_weight else None
+        field = imu.sound_field(frame) if attitude.gains.mag_weight else None
         if self.stamp is None:
             attitude.rotation = between(accel, UP)
         else:
-            elapsed = (frame.stamp - self.stamp) * 1e-9
             measured = self.gaps.measured(elapsed, frame.period)
             rate, turned = bridge(self.imu.before, gyro, elapsed, measured), elapsed
             if elapsed > self.gaps.max_gap:  # nobody knows: gravity alone, and no turn
@@ -119,11 +170,13 @@ class AbsoluteImu:
     def restart(self) -> None:
         """Start the attitude afresh from the next sample; what is known of the bias is kept."""
         self.stamp = self.mag_stamp = None
+        self.imu.restart()
 
     def reset(self) -> None:
         """Forget attitude and bias."""
         self.restart()
-        self.imu.bias = self.attitude.integral = STILL
+        self.imu.reset()
+        self.attitude.integral = STILL
 
     def biases(self) -> dict[str, float]:
         """Gyro bias by component in the sensor's frame, rad/s: calibrated part less the integral."""
@@ -132,11 +185,16 @@ class AbsoluteImu:
 
     def get_state(self) -> dict[str, Any]:
         """All that changes, as plain numbers."""
-        vectors = (self.attitude.rotation, self.attitude.integral, self.imu.bias, self.imu.before)
-        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "vectors": [list(v) for v in vectors]}
+        return {
+            "stamp": self.stamp,
+            "mag_stamp": self.mag_stamp,
+            "rotation": list(self.attitude.rotation),
+            "integral": list(self.attitude.integral),
+            "imu": self.imu.get_state(),
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
         self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
-        attitude, imu = self.attitude, self.imu
-        attitude.rotation, attitude.integral, imu.bias, imu.before = (tuple(v) for v in state["vectors"])
+        self.attitude.rotation, self.attitude.integral = tuple(state["rotation"]), tuple(state["integral"])
+        self.imu.set_state(state["imu"])

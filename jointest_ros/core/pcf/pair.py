@@ -23,6 +23,7 @@ from jointest_ros.core.pcf.attitude import (
     zero_rotation,
 )
 from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps, Imu, bridge
+from jointest_ros.core.pcf.settings import NO_SMOOTHING, Smoothing
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import IDENTITY, conjugate, dot, multiply, rotate, rotate_inverse, wrap
 
@@ -30,7 +31,7 @@ UNKNOWN_VARIANCE = math.pi**2 / 3.0  # rad^2, of an angle of which nothing is kn
 START_VARIANCE = 0.25  # rad^2, of the first angle: it may be taken while the robot moves
 _LEAST_LEVER = 0.03  # squared sine of the angle between axis and gravity (10 deg) below which gravity tells nothing
 _NO_DATA, _GAP, _STALE, _STARTING = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE), int(Status.STARTING)
-_UNOBSERVABLE = int(Status.UNOBSERVABLE)
+_UNOBSERVABLE, _DISTURBED = int(Status.UNOBSERVABLE), int(Status.DISTURBED)
 _LISTS = ("zero", "position", "velocity", "variance", "status", "field")
 
 # positions rad, velocities rad/s, variances rad^2, `Status` flags: one entry an axis of the joint
@@ -41,7 +42,8 @@ class _Pair:
     """What both formulations share: from R12 to the positions of one joint."""
 
     stamp: int | None  # ns, of the newest frame with both sensors
-    mag_stamp: int | None  # ns, of the newest frame with both magnetometers
+    mag_stamp: int | None  # ns, of the newest frame with both magnetometers, undisturbed
+    disturbed: bool  # a magnetometer is, and both have no influence
     field: Vec3  # tesla, in the child's sensor at `mag_stamp`
 
     def __init__(self, joint: Joint, parent: Sensor, child: Sensor, gains: Gains, gaps: Gaps) -> None:
@@ -60,6 +62,7 @@ class _Pair:
         """Start the angles afresh from the next frame."""
         n = len(self.joint.axes)
         self.stamp = self.mag_stamp = None
+        self.disturbed = False
         self.field = STILL
         self.position, self.velocity, self.variance = (0.0,) * n, (0.0,) * n, (UNKNOWN_VARIANCE,) * n
         self.status = (_STARTING,) * n
@@ -72,11 +75,11 @@ class _Pair:
     def get_state(self) -> dict[str, Any]:
         """All that changes, as plain numbers."""
         lists = {name: list(getattr(self, name)) for name in _LISTS}
-        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, **lists}
+        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "disturbed": self.disturbed, **lists}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
-        self.stamp, self.mag_stamp = state["stamp"], state["mag_stamp"]
+        self.stamp, self.mag_stamp, self.disturbed = state["stamp"], state["mag_stamp"], state["disturbed"]
         for name in _LISTS:
             setattr(self, name, tuple(state[name]))
         self._take_zero(self.zero)
@@ -113,17 +116,19 @@ class _Pair:
         if self.stamp is None:
             self.variance = tuple([START_VARIANCE if s2 > _LEAST_LEVER else UNKNOWN_VARIANCE for s2 in levers])
             self.position = self._middles
-        gap = self.gaps.spread(elapsed) if elapsed > self.gaps.max_gap else 0.0
+        flags, gap = _DISTURBED if self.disturbed else 0, 0.0
+        if elapsed > self.gaps.max_gap:
+            flags, gap = flags | _GAP, self.gaps.spread(elapsed)
         decay, noise, correction = self.gains.kp * elapsed, self._gyro_density2, self._correction_density2
         position, variance, status = [], [], []
-        rows = zip(angles, self._bounded, self._middles, self.position, self.variance, levers, strict=True)
-        for angle, bounded, middle, last, before, s2 in rows:
-            near = middle if bounded else last
-            position.append(near + wrap(angle - near))
+        for i, s2 in enumerate(levers):
+            near = self._middles[i] if self._bounded[i] else self.position[i]
+            turn = angles[i] - near
+            position.append(near + turn if -math.pi <= turn <= math.pi else near + wrap(turn))
             kept = 1.0 - decay * s2 if decay * s2 < 1.0 else 0.0
-            after = kept * kept * before + (noise + correction * s2) * elapsed + gap
+            after = kept * kept * self.variance[i] + (noise + correction * s2) * elapsed + gap
             variance.append(after if after < UNKNOWN_VARIANCE else UNKNOWN_VARIANCE)
-            status.append((_GAP if gap else 0) | (0 if s2 > _LEAST_LEVER else _UNOBSERVABLE))
+            status.append(flags if s2 > _LEAST_LEVER else flags | _UNOBSERVABLE)
         self.stamp, self.velocity = stamp, joint_rates(self.axes, angles, rate)
         self.position, self.variance, self.status = tuple(position), tuple(variance), tuple(status)
         return self.position, self.velocity, self.variance, self.status
@@ -167,22 +172,32 @@ class _Pair:
 class RelativePair(_Pair):
     """Algorithm 2 on the two sensors of a joint."""
 
-    def __init__(self, joint: Joint, parent: Sensor, child: Sensor, gains: Gains, gaps: Gaps) -> None:
-        self._imu1, self._imu2 = Imu(parent), Imu(child)
+    def __init__(
+        self,
+        joint: Joint,
+        parent: Sensor,
+        child: Sensor,
+        gains: Gains,
+        gaps: Gaps,
+        smoothing: Smoothing = NO_SMOOTHING,
+    ) -> None:
+        self._imu1, self._imu2 = Imu(parent, smoothing), Imu(child, smoothing)
         self.filter = ComplementaryFilter(gains)
         super().__init__(joint, parent, child, gains, gaps)
 
     def update(self, frame: Frame) -> JointOutput:
         """One step."""
-        one, two = self._imu1.read(frame), self._imu2.read(frame)
+        one_filter, gaps = self.filter, self.gaps
+        elapsed = since = 0.0 if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
+        if self.stamp is None or elapsed > gaps.max_gap:
+            since = math.nan
+        one, two = self._imu1.read(frame, since, STILL), self._imu2.read(frame, since, one_filter.integral)
         if one is None or two is None:
             return self._extrapolate(frame.stamp)
         (w1, a1), (w2, a2) = one, two
-        one_filter, gaps = self.filter, self.gaps
-        elapsed = 0.0 if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
         measured = elapsed if elapsed <= 1.5 * frame.period else gaps.measured(elapsed, frame.period)
         mean1, mean2, turned = w1, w2, elapsed
-        if self.stamp is None or elapsed > gaps.max_gap:  # nobody knows: gravity alone, and no turn
+        if since != since:  # nobody knows: gravity alone, and no turn
             turned = 0.0
             if self.stamp is None or len(self.axes) == 1:
                 one_filter.rotation = self.first_guess(a1, a2)
@@ -194,7 +209,8 @@ class RelativePair(_Pair):
         m1 = m2 = None
         field_time = 0.0
         if self.gains.mag_weight:
-            m1, m2 = frame.mag.get(self.parent.name), frame.mag.get(self.child.name)
+            m1, m2 = self._imu1.sound_field(frame), self._imu2.sound_field(frame)
+            self.disturbed = self._imu1.watch.disturbed or self._imu2.watch.disturbed
             if m1 is not None and m2 is not None:
                 field_time = gaps.hold(frame.stamp, self.mag_stamp, measured)
                 self.mag_stamp, self.field = frame.stamp, m2
@@ -214,7 +230,14 @@ class RelativePair(_Pair):
     def reset(self) -> None:
         """Forget angles and biases; the zero pose is kept."""
         self.restart()
-        self._imu1.bias = self._imu2.bias = self.filter.integral = STILL
+        self.filter.integral = STILL
+        for imu in (self._imu1, self._imu2):
+            imu.reset()
+
+    def restart(self) -> None:
+        super().restart()
+        for imu in (self._imu1, self._imu2):
+            imu.restart()
 
     def biases(self) -> dict[str, float]:
         """Bias difference, child minus parent in the child's sensor, rad/s: calibrated part less the integral."""
@@ -226,14 +249,14 @@ class RelativePair(_Pair):
         return super().get_state() | {
             "rotation": list(self.filter.rotation),
             "integral": list(self.filter.integral),
-            "imus": [[list(i.bias), list(i.before)] for i in (self._imu1, self._imu2)],
+            "imus": [imu.get_state() for imu in (self._imu1, self._imu2)],
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         super().set_state(state)
         self.filter.rotation, self.filter.integral = tuple(state["rotation"]), tuple(state["integral"])
-        for imu, (bias, before) in zip((self._imu1, self._imu2), state["imus"], strict=True):
-            imu.bias, imu.before = tuple(bias), tuple(before)
+        for imu, saved in zip((self._imu1, self._imu2), state["imus"], strict=True):
+            imu.set_state(saved)
 
 
 class AbsolutePair(_Pair):
@@ -265,7 +288,7 @@ class AbsolutePair(_Pair):
         if self.stamp is None or (len(self.axes) == 1 and elapsed > self.gaps.max_gap):
             self._turn_to(self.first_guess(frame.accel[self.parent.name], a2))
         if one.mag_stamp is not None and two.mag_stamp is not None:
-            self.mag_stamp = min(one.mag_stamp, two.mag_stamp)
+            self.mag_stamp, self.disturbed = min(one.mag_stamp, two.mag_stamp), one.disturbed or two.disturbed
             self.field = frame.mag.get(self.child.name, self.field)
         r12 = multiply(conjugate(one.attitude.rotation), two.attitude.rotation)
         w1, w2, i1, i2 = one.imu.before, two.imu.before, one.attitude.integral, two.attitude.integral

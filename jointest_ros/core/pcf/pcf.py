@@ -5,12 +5,13 @@ relative   Algorithm 2 on each pair of IMUs: the free relative rotation, of whic
 absolute   Algorithm 1 on each IMU, then R1^T R2. Also the orientation of single IMUs (a robot without joints).
 
 Joints of two and three axes use `relative` when `hinge` is chosen. Rotation about gravity is observable only by a
-magnetometer; without one, `relative` and `absolute` integrate the gyros there.
+magnetometer; without one, `relative` and `absolute` integrate the gyros there. Joints from the world link: world.py.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,9 +22,12 @@ from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Series, Status, Vec3
 from jointest_ros.core.params import Params, param
 from jointest_ros.core.pcf.attitude import STILL, Gains
-from jointest_ros.core.pcf.hinge import HingeFilter, HingeNoise
+from jointest_ros.core.pcf.hinge import HingeFilter
 from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
 from jointest_ros.core.pcf.pair import UNKNOWN_VARIANCE, AbsolutePair, RelativePair
+from jointest_ros.core.pcf.pair_checks import PairCheck, PairChecks, verdict
+from jointest_ros.core.pcf.settings import Field, HingeNoise, Smoothing
+from jointest_ros.core.pcf.world import UPWARD, WorldPair, recording_with_world, with_world, world_sensor
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.core.timing import Timing
@@ -48,6 +52,33 @@ class PcfParams(Params):
     )
     accel_weight: float = param(1.0, "weight of the accelerometers in the correction", low=0.0, high=1e3)
     mag_weight: float = param(0.0, "weight of the magnetometers in the correction; 0: not used", low=0.0, high=1e3)
+    mag_norm_ut: float = param(
+        0.0,
+        "norm of the undisturbed field, to which mag_dip_deg belongs; 0: both are learnt at rest",
+        unit="uT",
+        low=0.0,
+        high=1e3,
+    )
+    mag_dip_deg: float = param(0.0, "dip of the undisturbed field below horizontal", unit="deg", low=-90.0, high=90.0)
+    mag_norm_tolerance: float = param(
+        0.1, "a field whose norm differs by more than this share is disturbed: not used", low=1e-3, high=1e3
+    )
+    mag_dip_tolerance_deg: float = param(
+        10.0, "a field whose dip differs by more than this is disturbed: not used", unit="deg", low=0.1, high=180.0
+    )
+    accel_time: float = param(
+        0.0,
+        "once the gyros are calibrated, accelerometers are averaged over this time, in the frame that the gyros carry "
+        "along, before they correct: accelerations of links that go back and forth cancel; 0: never, as in the paper",
+        unit="s",
+        low=0.0,
+        high=60.0,
+    )
+    lever_arms: bool = param(
+        False,
+        "hinge: accelerations by the turning of the links are computed and removed; needs the positions of the sensors "
+        "and the origins of the joints",
+    )
     bias_walk_dps: float = param(
         1e-4, "hinge: random walk of the gyro bias difference", unit="deg/s/sqrt(s)", low=0.0, high=10.0
     )
@@ -95,7 +126,9 @@ class PcfParams(Params):
 
 _START = 5_000_000_000  # ns: a still phase that begins later is not the start
 _BLOCK = 32768  # rows that are Python floats at the same time
-_UNCALIBRATED = int(Status.UNCALIBRATED)
+_UNCALIBRATED, _UNOBSERVABLE = int(Status.UNCALIBRATED), int(Status.UNOBSERVABLE)
+
+JointFilter = HingeFilter | RelativePair | AbsolutePair
 
 
 class Pcf(Estimator):
@@ -115,31 +148,53 @@ class Pcf(Estimator):
         p = self.params
         gains = Gains(p.kp, p.ki, p.accel_weight, p.mag_weight)
         gaps = Gaps(self.timing.max_gap, self.timing.stale_after, math.radians(p.gap_rate_dps))
+        self._world = world_sensor(robot.world) if robot.world else None
         used = [(j, self._imu_on(j, j.parent), self._imu_on(j, j.child)) for j in robot.ordered_joints]
         self.joints = tuple(name for joint, *_ in used for name in joint.coordinates)
         self._imus: dict[str, AbsoluteImu] = {}
-        self._filters: list[HingeFilter | RelativePair | AbsolutePair] = []
+        self._filters: list[JointFilter] = []
         if p.formulation == "absolute":
             sensors = [sensor for sensor in robot.sensors if sensor.gyro and sensor.accel]
-            self._imus = {sensor.name: AbsoluteImu(sensor, gains, gaps) for sensor in sensors}
+            self._imus = {sensor.name: AbsoluteImu(sensor, gains, gaps, self._smoothing()) for sensor in sensors}
         for joint, parent, child in used:
-            if p.formulation == "absolute":
-                below = [self._imus[self._imu_on(j, j.child).name] for j in robot.joints_below(joint.child)]
+            if parent is self._world and not (p.formulation == "hinge" and len(joint.axes) == 1):
+                self._filters.append(self._world_pair(joint, child, gains, gaps))
+            elif p.formulation == "absolute":
+                below = self._imus_below(joint.child)
                 one, two = self._imus[parent.name], self._imus[child.name]
                 self._filters.append(AbsolutePair(joint, one, two, below, gains, gaps))
             elif p.formulation == "hinge" and len(joint.axes) == 1:
                 self._filters.append(HingeFilter(joint, parent, child, self._hinge_noise(), gaps))
             else:
-                self._filters.append(RelativePair(joint, parent, child, gains, gaps))
+                self._filters.append(RelativePair(joint, parent, child, gains, gaps, self._smoothing()))
         if not self._imus and not self._filters:
             raise ConfigurationError(
                 "robot: no joints between IMUs; pcf needs joints, or formulation: absolute and an IMU"
             )
         self._hinges = [one for one in self._filters if isinstance(one, HingeFilter)]
+        self._others = [one for one in self._filters if not isinstance(one, HingeFilter)]
+        self._checks = PairChecks(robot, self._hinges)
         self._floor = math.radians(p.floor_deg) ** 2
         self.reset()
 
+    def _world_pair(self, joint: Joint, child: Sensor, gains: Gains, gaps: Gaps) -> WorldPair:
+        if len(joint.axes) == 2:
+            raise ConfigurationError(
+                f"joint '{joint.name}'.axes: 2 are not allowed on the world link '{joint.parent}'; "
+                "give one, or three ([z, y, x]: yaw, pitch and roll)"
+            )
+        imu = self._imus.setdefault(child.name, AbsoluteImu(child, gains, gaps, self._smoothing()))
+        noise = self._hinge_noise()
+        below = self._imus_below(joint.child)
+        return WorldPair(joint, imu, below, gains, gaps, noise.bias_std, noise.calibrated_bias_std)
+
+    def _imus_below(self, link: str) -> list[AbsoluteImu]:
+        names = [self._imu_on(joint, joint.child).name for joint in self.robot.joints_below(link)]
+        return [self._imus[name] for name in names if name in self._imus]
+
     def _imu_on(self, joint: Joint, link: str) -> Sensor:
+        if self._world is not None and link == self._world.link:
+            return self._world
         for sensor in self.robot.sensors_on(link):
             if sensor.gyro and sensor.accel:
                 return sensor
@@ -157,14 +212,33 @@ class Pcf(Estimator):
             gravity_cone=math.radians(p.gravity_cone_deg),
             accel_weight=p.accel_weight,
             mag_weight=p.mag_weight,
+            smoothing=self._smoothing(),
+            lever_arms=p.lever_arms,
         )
+
+    def _smoothing(self) -> Smoothing:
+        p = self.params
+        dip = math.radians(p.mag_dip_tolerance_deg) if p.accel_weight else math.inf  # the dip is against accelerometers
+        field = Field(p.mag_norm_tolerance, dip, 1e-6 * p.mag_norm_ut, math.radians(p.mag_dip_deg))
+        return Smoothing(p.accel_time, field)
 
     # ------------------------------------------------------------- steps
 
     def update(self, frame: Frame) -> Estimate:
         """One step: every joint by its own filter."""
+        if self._world is not None:
+            frame = with_world(frame, self._world.name)
+        estimate = self._step(frame, self._filters)
+        self._checks.update(frame)
+        still = self.stillness.update(frame)
+        if still is not None and self._watching:
+            self._calibrate_start(frame.stamp, still)
+        return estimate
+
+    def _step(self, frame: Frame, filters: Sequence[JointFilter]) -> Estimate:
+        """The joints of some filters, and the IMUs."""
         if frame.reset:
-            for one in (*self._imus.values(), *self._filters):
+            for one in (*self._imus.values(), *filters):
                 one.restart()
         for imu in self._imus.values():
             imu.update(frame)
@@ -172,7 +246,7 @@ class Pcf(Estimator):
         velocity: list[float] = []
         variance: list[float] = []
         status: list[int] = []
-        for joint_filter in self._filters:
+        for joint_filter in filters:
             q, v, p, flags = joint_filter.update(frame)
             position += q
             velocity += v
@@ -182,9 +256,6 @@ class Pcf(Estimator):
         self._variance = tuple([one + floor for one in variance])
         flags = tuple([one | uncalibrated for one in status])
         orientation = {name: imu.attitude.rotation for name, imu in self._imus.items() if imu.stamp == frame.stamp}
-        still = self.stillness.update(frame)
-        if still is not None and self._watching:
-            self._calibrate_start(frame.stamp, still)
         return Estimate(frame.stamp, tuple(position), tuple(velocity), self._variance, flags, orientation=orientation)
 
     def _calibrate_start(self, stamp: int, still: bool) -> None:
@@ -200,25 +271,40 @@ class Pcf(Estimator):
 
     def run(self, recording: Recording) -> Series:
         """Estimates of a stretch of frames; hinges by arrays. Equal to `update` in a loop."""
-        hinges_only = self._hinges and len(self._hinges) == len(self._filters)
-        if not hinges_only or self.params.mag_weight or not len(recording):
+        if not self._hinges or self.params.mag_weight or self.params.accel_time or not len(recording):
             return super().run(recording)
+        if self._world is not None:
+            recording = recording_with_world(recording, self._world.name)
         series, start = [], 0
         for stop, still in self.stillness.run(recording):
             if self._watching:
-                series.append(self._run_hinges(recording.part(start, stop)))
+                series.append(self._run_part(recording.part(start, stop)))
                 self._calibrate_start(int(recording.stamps[stop - 1]), still)
                 start = stop
         rest = recording.part(start, len(recording))
-        return Series.concatenate(series + [self._run_hinges(part) for part in rest.parts(_BLOCK)])
+        return Series.concatenate(series + [self._run_part(part) for part in rest.parts(_BLOCK)])
 
-    def _run_hinges(self, recording: Recording) -> Series:
+    def _run_part(self, recording: Recording) -> Series:
+        """The hinges by arrays, the other joints in a loop."""
+        names = [name for one in self._others for name in one.joint.coordinates]
+        loop: list[Estimate] = []
+        if self._others:
+            sensors = {*self._imus, *(sensor for one in self._others for sensor in one.sensors)}
+            loop = [self._step(frame, self._others) for frame in recording.of(sensors).frames()]
+        others = Series.from_estimates(loop, len(names))
         columns = [hinge.run(recording) for hinge in self._hinges]
         position, velocity, variance, status = (np.column_stack(table) for table in zip(*columns, strict=True))
         variance += self._floor
         status |= 0 if self.calibrated else _UNCALIBRATED
+        if self._others:
+            names = [one.joint.name for one in self._hinges] + names
+            order = [names.index(name) for name in self.joints]
+            position = np.hstack([position, others.position])[:, order]
+            velocity = np.hstack([velocity, others.velocity])[:, order]
+            variance = np.hstack([variance, others.variance])[:, order]
+            status = np.hstack([status, others.status])[:, order]
         self._variance = tuple(variance[-1].tolist())
-        return Series(recording.stamps, position, velocity, variance, status)
+        return Series(recording.stamps, position, velocity, variance, status, orientation=others.orientation)
 
     # ------------------------------------------------------------- calibrations
 
@@ -238,27 +324,36 @@ class Pcf(Estimator):
     def calibrate_zero(self) -> None:
         """Take the present pose as the zero pose of every joint (the paper's initialisation phase).
 
+        Joints from the world link are relative to gravity, and stay so: only what is about gravity becomes zero.
+
         Raises:
             CalibrationError: the robot moves, or has not been still for long enough.
         """
         _, accel = self._still_means()
         for joint_filter in self._filters:
+            on_world = joint_filter.joint.parent == self.robot.world
+            if isinstance(joint_filter, HingeFilter) and on_world and not joint_filter.status & _UNOBSERVABLE:
+                continue
             joint_filter.set_zero(accel)
+        self._checks.clear()
 
     def _still_means(self) -> tuple[dict[str, Vec3], dict[str, Vec3]]:
         if self.stillness.duration <= 0.0:
             raise CalibrationError(
                 "the robot moves, was not still for half a second, or a sensor is silent; hold it still and try again"
             )
-        return self.stillness.means()
+        gyro, accel = self.stillness.means()
+        if self._world is not None:
+            gyro[self._world.name], accel[self._world.name] = STILL, UPWARD
+        return gyro, accel
 
     # ------------------------------------------------------------- state
 
     def reset(self) -> None:
         """Forget angles, biases and the start; zero poses are kept."""
-        p = self.params
+        p, world = self.params, self._world.name if self._world is not None else None
         self.stillness = Stillness(
-            tuple(self._imus) or tuple(dict.fromkeys(s for f in self._filters for s in f.sensors)),
+            tuple(dict.fromkeys((*self._imus, *(s for f in self._filters for s in f.sensors if s != world)))),
             math.radians(p.still_gyro_dps),
             p.still_accel,
             math.radians(p.largest_bias_dps),
@@ -269,6 +364,7 @@ class Pcf(Estimator):
         self._variance = (UNKNOWN_VARIANCE,) * len(self.joints)
         for one in (*self._imus.values(), *self._filters):
             one.reset()
+        self._checks.reset()
 
     def get_state(self) -> dict[str, Any]:
         """The whole state; but the means of the present still phase only while the still start is awaited."""
@@ -300,8 +396,16 @@ class Pcf(Estimator):
 
     def innovations(self) -> list[float]:
         """Of the hinges' newest corrections, over their standard deviations; NaN where there was none."""
-        hinges = [f for f in self._filters if isinstance(f, HingeFilter)]
-        return [f.innovation / math.sqrt(f.innovation_variance) for f in hinges]
+        return [f.innovation / math.sqrt(f.innovation_variance) for f in self._hinges]
+
+    def pair_checks(self) -> list[PairCheck]:
+        """Whether the IMUs of hinges agree, which `update` watches: by pair, redundant ones last."""
+        return self._checks.checks()
+
+    def warnings(self) -> list[str]:
+        """IMUs that do not agree with their neighbours."""
+        text = verdict(self.pair_checks())
+        return [text] if text else []
 
     def biases(self) -> dict[str, float]:
         """Gyro biases, rad/s: `<joint>.gyro` along the axis of a hinge (child minus parent), else by component."""

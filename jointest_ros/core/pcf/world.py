@@ -1,0 +1,129 @@
+"""Joints from the world link, which stands still with z up: the child's IMU alone tells their angles.
+
+A joint of three axes takes them from Algorithm 1 on that IMU, in every formulation. What is not about gravity is
+absolute, also after a calibration of the zero pose. The angle about gravity is the integrated gyro since the start or
+the latest zero pose; it is flagged UNOBSERVABLE and has the variance
+
+    N^2 t + (bias_std t)^2        N: gyro noise density; bias_std: of its bias, which gravity does not show either
+
+With magnetometers it is absolute too: y of the world is north. Joints of one axis need no filter of their own: they see
+a parent that does not turn and reads +g upward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jointest_ros.core.frame import Frame, Quat, Recording, Status, Vec3
+from jointest_ros.core.pcf.attitude import STILL, Gains, joint_angles
+from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
+from jointest_ros.core.pcf.pair import AbsolutePair, JointOutput
+from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
+from jointest_ros.core.rotation import exp, multiply, rotate_inverse
+
+UPWARD: Vec3 = (0.0, 0.0, STANDARD_GRAVITY)
+_UNOBSERVABLE = int(Status.UNOBSERVABLE)
+_VERTICAL = 0.999999  # cosine
+
+
+def world_sensor(link: str) -> Sensor:
+    """The IMU that the world link would bear; no sensor of a configuration can have its name."""
+    return Sensor(f"({link})", link, gyro_noise=0.0, gyro_bias_walk=0.0, accel_noise=0.0)
+
+
+def with_world(frame: Frame, sensor: str) -> Frame:
+    """The frame with the samples of the world's IMU."""
+    gyro, accel = {**frame.gyro, sensor: STILL}, {**frame.accel, sensor: UPWARD}
+    return Frame(frame.stamp, gyro, accel, frame.mag, frame.hall, frame.period, frame.reset)
+
+
+def recording_with_world(recording: Recording, sensor: str) -> Recording:
+    """The recording with the samples of the world's IMU."""
+    shape = (len(recording), 3)
+    return Recording(
+        recording.stamps,
+        {**recording.gyro, sensor: np.broadcast_to(np.array(STILL), shape)},
+        {**recording.accel, sensor: np.broadcast_to(np.array(UPWARD), shape)},
+        recording.mag,
+        recording.hall,
+        recording.period,
+        recording.reset,
+    )
+
+
+class WorldPair(AbsolutePair):
+    """The attitude of `child` in the world as the angles of a joint; see the module text."""
+
+    def __init__(
+        self,
+        joint: Joint,
+        child: AbsoluteImu,
+        below: Sequence[AbsoluteImu],
+        gains: Gains,
+        gaps: Gaps,
+        bias_std: float,
+        calibrated_bias_std: float,
+    ) -> None:
+        self._bias_stds = bias_std, calibrated_bias_std  # rad/s
+        self.bias_std = bias_std
+        super().__init__(joint, AbsoluteImu(world_sensor(joint.parent), gains, gaps), child, below, gains, gaps)
+
+    def restart(self) -> None:
+        """Start the angles afresh from the next frame."""
+        super().restart()
+        self._turn_begins()
+
+    def _turn_begins(self) -> None:
+        self.turn_time = self.turn_variance = 0.0  # s since the angle about gravity was zero, and its rad^2
+
+    def update(self, frame: Frame) -> JointOutput:
+        """Take the angles from the attitude."""
+        self._one.stamp, self._one.mag_stamp = self._two.stamp, self._two.mag_stamp
+        return super().update(frame)
+
+    def first_guess(self, a1: Vec3, a2: Vec3) -> Quat:
+        """The attitude by gravity; the angle about it, where that is the first one, is zero."""
+        guess, first = super().first_guess(a1, a2), self.joint.axes[0]
+        if len(self.axes) == 1 or abs(first[2]) < _VERTICAL:
+            return guess
+        angle = -joint_angles(self.axes, multiply(self._from_zero, guess))[0]
+        return multiply(exp((first[0] * angle, first[1] * angle, first[2] * angle)), guess)
+
+    def _output(self, stamp: int, r12: Quat, rate: Vec3, a2: Vec3, elapsed: float) -> JointOutput:
+        up = rotate_inverse(r12, UPWARD) if any(a2) else a2  # without the noise of one sample
+        position, velocity, variance, status = super()._output(stamp, r12, rate, up, elapsed)
+        before, self.turn_time = self.turn_time, self.turn_time + elapsed
+        gap = self.gaps.spread(elapsed)
+        walk = self.bias_std**2 * (self.turn_time**2 - before**2)
+        self.turn_variance += self._gyro_density2 * elapsed + walk + gap
+        self.variance = tuple(
+            [self.turn_variance if flags & _UNOBSERVABLE else one for one, flags in zip(variance, status, strict=True)]
+        )
+        return position, velocity, self.variance, status
+
+    def set_bias(self, gyro: dict[str, Vec3]) -> None:
+        """The estimator has calibrated the bias of the child's IMU."""
+        self.bias_std = self._bias_stds[1]
+
+    def set_zero(self, accel: dict[str, Vec3]) -> None:
+        """What is about gravity is zero from now on; the rest is absolute."""
+        self._turn_to(self.first_guess(UPWARD, accel[self.child.name]))
+        keep = [not flags & _UNOBSERVABLE for flags in self.status]
+        self.position = tuple([q if kept else 0.0 for q, kept in zip(self.position, keep, strict=True)])
+        self.variance = tuple([v if kept else 0.0 for v, kept in zip(self.variance, keep, strict=True)])
+        self._turn_begins()
+
+    def reset(self) -> None:
+        """Forget angles and what is known of the bias."""
+        super().reset()
+        self.bias_std = self._bias_stds[0]
+
+    def get_state(self) -> dict[str, Any]:
+        return super().get_state() | {"turn": [self.turn_time, self.turn_variance, self.bias_std]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        super().set_state(state)
+        self.turn_time, self.turn_variance, self.bias_std = state["turn"]

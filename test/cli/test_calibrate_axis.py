@@ -1,0 +1,319 @@
+"""`jointest calibrate axis`: from a recording of motion to mountings that every estimator uses."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from jointest_ros import config
+from jointest_ros.bags.cdr import decode_imu
+from jointest_ros.bags.cdr_encode import ImuEncoder
+from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.writer import BagWriter
+from jointest_ros.core.robot import Robot
+from jointest_ros.core.rotation import IDENTITY, rotate_inverse
+
+Jointest = Callable[..., Any]
+SENSORS = ("palm", "proximal", "middle", "distal")
+JOINTS = ("finger_mcp", "finger_pip", "finger_dip")
+
+
+def simulated(jointest: Jointest, bag: Path, scenario: str, *options: object) -> Path:
+    """Such a recording at `bag`; beside it `robot.yaml`, which does not know how the IMUs are mounted."""
+    fixed = ("--rate", 100, "--duration", 30, "--zero-pose", 4, "--mounting", "mounted", "--scenario", scenario)
+    assert jointest("simulate", "finger", "-o", bag, *fixed, *options).code == 0
+    document = yaml.safe_load(bag.with_name(f"{bag.name}.yaml").read_text(encoding="utf-8"))
+    for sensor in document["sensors"].values():
+        sensor.pop("mounting", None)
+    robot = bag.with_name("robot.yaml")
+    robot.write_text(yaml.safe_dump({"calibration_file": "calibrated.yaml", **document}), encoding="utf-8")
+    return robot
+
+
+@pytest.fixture(scope="module")
+def run(jointest: Jointest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording in which the palm turns too. Not to be changed."""
+    bag = tmp_path_factory.mktemp("axis") / "run"
+    simulated(jointest, bag, "PC", "--seed", 50)
+    return bag
+
+
+@pytest.fixture(scope="module")
+def still_palm(jointest: Jointest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording in which it keeps still. Not to be changed."""
+    bag = tmp_path_factory.mktemp("axis") / "run"
+    simulated(jointest, bag, "PA", "--seed", 51)
+    return bag
+
+
+def robot_of(bag: Path, folder: Path) -> Path:
+    """Its configuration in a folder of its own, without a calibration as yet."""
+    path = folder / "robot.yaml"
+    path.write_bytes(bag.with_name("robot.yaml").read_bytes())
+    return path
+
+
+@pytest.fixture
+def robot(run: Path, tmp_path: Path) -> Path:
+    return robot_of(run, tmp_path)
+
+
+def axis_errors(configuration: Path, bag: Path) -> dict[tuple[str, str], float]:
+    """Angle, deg, between each joint's axis in each of its sensors by `configuration` and by the truth beside `bag`."""
+    robots = [config.load(path).robot for path in (configuration, bag.with_name(f"{bag.name}.yaml"))]
+
+    def axis(robot: Robot, sensor: str, joint: int) -> np.ndarray:
+        return np.array(rotate_inverse(robot.sensor(sensor).mounting, robot.joints[joint].axes[0]))
+
+    errors = {}
+    for number, joint in enumerate(JOINTS):
+        for sensor in SENSORS[number : number + 2]:
+            found, true = (axis(robot, sensor, number) for robot in robots)
+            sine = float(np.linalg.norm(np.cross(found, true)))
+            errors[joint, sensor] = math.degrees(math.atan2(sine, float(found @ true)))
+    return errors
+
+
+def copied(source: Path, target: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
+    """The recording `source` with other message bytes at `target`; None: without that message."""
+    with BagReader(source) as reader, BagWriter(target) as writer:
+        messages = [(topic, time, change(topic, data)) for topic, time, data in reader.messages()]
+        for topic in sorted({topic for topic, _, data in messages if data is not None}):
+            writer.add_topic(topic, reader.topics[topic])
+        for topic, time, data in messages:
+            if data is not None:
+                writer.write(topic, time, data)
+    return target
+
+
+def without(topic: str) -> Callable[[str, bytes], bytes | None]:
+    return lambda name, data: None if name == topic else data
+
+
+def with_readings(topic: str, gyro: float = 1.0, accel: float = 1.0) -> Callable[[str, bytes], bytes]:
+    """Factors for the readings of one IMU."""
+    encoder = ImuEncoder("imu")
+
+    def changed(name: str, data: bytes) -> bytes:
+        if name != topic:
+            return data
+        stamp, _, w, a = decode_imu(data)
+        return encoder.encode(stamp, tuple(gyro * x for x in w), tuple(accel * x for x in a))
+
+    return changed
+
+
+def test_mountings_are_found_and_used(jointest: Jointest, run: Path, robot: Path) -> None:
+    configured = robot.read_bytes()
+    assert min(axis_errors(robot, run).values()) > 0.5
+    result = jointest("calibrate", "axis", run, "--config", robot)
+    assert (result.code, result.err) == (0, "")
+    assert robot.read_bytes() == configured
+    assert max(axis_errors(robot, run).values()) < 0.09
+    assert robot.with_name("calibrated_axis.png").read_bytes().startswith(b"\x89PNG")
+    figures = robot.with_name("figures.json")
+    assert jointest("evaluate", run, "-c", robot, "--skip", 8, "--json", figures).code == 0
+    joints = json.loads(figures.read_text(encoding="utf-8"))["estimators"]["pcf"]["joints"]
+    assert max(joint["rmse_deg"] for joint in joints.values()) < 0.12
+
+
+def test_what_it_says(jointest: Jointest, run: Path, robot: Path) -> None:
+    result = jointest("calibrate", "axis", run, "-c", robot)
+    for name in (*JOINTS, *SENSORS):
+        assert name in result.out
+    assert f"{robot.with_name('calibrated.yaml')}: mountings of palm, proximal, middle, distal" in result.out
+    assert "to use it" not in result.out
+    assert max(map(len, result.out.splitlines()[:20])) <= 80
+    lines = robot.with_name("calibrated.yaml").read_text(encoding="utf-8").splitlines()
+    comment = [line for line in lines if line.startswith("#")]
+    assert comment[0] == "# Axes by: jointest calibrate axis run --config robot.yaml"
+    assert comment[1] == "# Recording: run, recorded 1970-01-01 00:00:01 UTC by its stamps."
+    assert comment[3].startswith("#   finger_mcp: palm (") and " ± 0.0" in comment[3] and "deg/s" in comment[3]
+
+
+def test_a_palm_that_keeps_still_is_refused(jointest: Jointest, still_palm: Path, tmp_path: Path) -> None:
+    robot = robot_of(still_palm, tmp_path)
+    result = jointest("calibrate", "axis", still_palm, "-c", robot)
+    text = result.refusal()
+    assert "joint 'finger_mcp': its axis in 'palm' is undetermined: 'palm' hardly turned across it" in text
+    assert "turn it about several directions while the joint moves" in text and "--keep palm" in text
+    assert "likewise" not in text and "nothing was written" in text
+    (line,) = [line for line in result.out.splitlines() if "undetermined" in line]
+    assert "palm" in line and "." not in line.partition("palm")[2]  # no axis is shown
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.yaml"]
+
+
+def test_what_the_motion_shows_can_be_had(jointest: Jointest, still_palm: Path, tmp_path: Path) -> None:
+    robot = robot_of(still_palm, tmp_path)
+    assert jointest("calibrate", "axis", still_palm, "-c", robot, "--keep", "palm").code == 0
+    loaded = config.load(robot).robot
+    assert loaded.sensor("palm").mounting == IDENTITY
+    errors = axis_errors(robot, still_palm)
+    assert max(angle for (_, sensor), angle in errors.items() if sensor != "palm") < 0.09
+    assert "palm (1.0000, 0.0000, 0.0000) kept" in robot.with_name("calibrated.yaml").read_text(encoding="utf-8")
+
+
+def test_joints_can_be_chosen(jointest: Jointest, still_palm: Path, tmp_path: Path) -> None:
+    robot = robot_of(still_palm, tmp_path)
+    assert jointest("calibrate", "axis", still_palm, "-c", robot, "--joint", "finger_dip").code == 0
+    loaded = config.load(robot).robot
+    assert [sensor.mounting == IDENTITY for sensor in loaded.sensors] == [True, True, False, False]
+    errors = axis_errors(robot, still_palm)
+    assert errors["finger_dip", "middle"] < 0.09 and errors["finger_dip", "distal"] < 0.09
+    assert jointest("calibrate", "axis", still_palm, "-c", robot, "--joint", "finger_pip").code == 0
+    assert max(angle for (_, sensor), angle in axis_errors(robot, still_palm).items() if sensor != "palm") < 0.09
+
+
+def test_other_sections_of_the_file_stay(jointest: Jointest, run: Path, robot: Path) -> None:
+    accel = "# by hand\naccel:\n  palm: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], offset: [0, 0, 0.01]}\n"
+    robot.with_name("calibrated.yaml").write_text(accel, encoding="utf-8")
+    assert jointest("calibrate", "axis", run, "-c", robot).code == 0
+    assert robot.with_name("calibrated.yaml").read_text(encoding="utf-8").startswith(accel)
+    assert config.load(robot).robot.sensor("palm").accel_offset == (0.0, 0.0, 0.01)
+
+
+def test_a_second_time_changes_nothing_much(jointest: Jointest, run: Path, robot: Path) -> None:
+    mountings = []
+    for _ in range(2):
+        assert jointest("calibrate", "axis", run, "-c", robot).code == 0
+        mountings.append([sensor.mounting for sensor in config.load(robot).robot.sensors])
+    assert np.array(mountings[1]) == pytest.approx(np.array(mountings[0]), abs=1e-5)
+
+
+def test_an_axis_that_is_configured_wrongly_is_told(jointest: Jointest, run: Path, robot: Path) -> None:
+    """One joint's axis is 5 deg from where the configuration has it: its neighbours cannot all fit."""
+    document = yaml.safe_load(robot.read_text(encoding="utf-8"))
+    document["robot"]["joints"]["finger_pip"]["axes"] = [[math.cos(0.087), 0.0, math.sin(0.087)]]
+    robot.write_text(yaml.safe_dump(document), encoding="utf-8")
+    result = jointest("calibrate", "axis", run, "-c", robot)
+    assert result.code == 0
+    told = [line for line in result.err.splitlines() if "are not to each other as configured" in line]
+    assert [line.split("'")[1] for line in told] == ["proximal", "middle"]
+
+
+def test_gyros_with_scale_errors_are_told(jointest: Jointest, run: Path, robot: Path, tmp_path: Path) -> None:
+    bag = copied(run, tmp_path / "scaled", with_readings("/imu/proximal", gyro=1.03))
+    result = jointest("calibrate", "axis", bag, "-c", robot, "--joint", "finger_mcp")
+    assert result.code == 0
+    assert "warning: joint 'finger_mcp': a residual of" in result.err and "follows the motion" in result.err
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (
+            without("/imu/distal"),
+            "joint 'finger_dip': sensor 'distal' (topic imu/distal) gave no readings of gyro and accelerometer; "
+            "without its joints: --joint finger_mcp --joint finger_pip",
+        ),
+        (with_readings("/imu/middle", gyro=math.nan), "joint 'finger_pip': sensor 'middle' (topic imu/middle) gave no"),
+        (
+            with_readings("/imu/middle", accel=math.inf),
+            "joint 'finger_pip': sensor 'middle' (topic imu/middle) gave no",
+        ),
+    ],
+    ids=["no topic", "nan", "infinity"],
+)
+def test_a_silent_sensor_is_refused(
+    change: Callable[[str, bytes], bytes | None],
+    expected: str,
+    jointest: Jointest,
+    run: Path,
+    robot: Path,
+    tmp_path: Path,
+) -> None:
+    text = jointest("calibrate", "axis", copied(run, tmp_path / "other", change), "-c", robot).refusal()
+    assert expected in text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["other", "robot.yaml"]
+
+
+def test_recordings_without_imus_are_refused(jointest: Jointest, run: Path, robot: Path, tmp_path: Path) -> None:
+    bag = copied(run, tmp_path / "truth", lambda name, data: None if "imu" in name else data)
+    assert (
+        "no matching topic; the configuration wants imu/palm"
+        in jointest("calibrate", "axis", bag, "-c", robot).refusal()
+    )
+    assert "no such" in jointest("calibrate", "axis", tmp_path / "none", "-c", robot).refusal()
+
+
+def test_a_damaged_recording_gives_what_it_can(jointest: Jointest, run: Path, robot: Path, tmp_path: Path) -> None:
+    bag = copied(run, tmp_path / "run", lambda topic, data: data)
+    (file,) = bag.glob("*.mcap")
+    with file.open("rb+") as stream:
+        stream.truncate(int(file.stat().st_size * 0.8))
+    result = jointest("calibrate", "axis", bag, "-c", robot)
+    assert result.code == 2
+    assert result.err.splitlines()[-1].endswith("the calibration rests on what came before")
+    assert max(axis_errors(robot, run).values()) < 0.09
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--joint", "finger_pipp"], "robot.yaml: joint 'finger_pipp': unknown; did you mean 'finger_pip'?"),
+        (["--keep", "thumb"], "--keep: 'thumb' is no sensor of these joints; known: palm, proximal, middle, distal"),
+        (
+            ["--joint", "finger_dip", "--keep", "middle", "--keep", "distal"],
+            "--keep: both sensors of joint 'finger_dip' are to be kept",
+        ),
+        (["-o", "robot.yaml"], "robot.yaml: is the configuration, which is never written"),
+        (["--plot", "calibrated.yaml"], "the suffix '.yaml' is not allowed"),
+    ],
+)
+def test_options_that_will_not_do_are_refused(
+    options: list[str], expected: str, jointest: Jointest, run: Path, robot: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(robot.parent)
+    assert expected in jointest("calibrate", "axis", run, "-c", robot.name, *options).refusal()
+
+
+def test_joints_of_several_axes_are_left_out_with_a_word(jointest: Jointest, run: Path, robot: Path) -> None:
+    document = yaml.safe_load(robot.read_text(encoding="utf-8"))
+    document["robot"]["joints"]["finger_dip"]["axes"] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    robot.write_text(yaml.safe_dump(document), encoding="utf-8")
+    result = jointest("calibrate", "axis", run, "-c", robot)
+    assert result.code == 0
+    assert result.err == (
+        "warning: joint 'finger_dip': it has 2 axes; only hinges can be calibrated by motion; left out\n"
+    )
+    text = jointest("calibrate", "axis", run, "-c", robot, "--joint", "finger_dip").refusal()
+    assert text.endswith("joint 'finger_dip': it has 2 axes; only hinges can be calibrated by motion")
+
+
+@pytest.mark.parametrize(
+    ("source", "configuration"), [("raw_pitch_slow", "song_pitch.yaml"), ("raw_roll_medium", "song_roll.yaml")]
+)
+def test_a_real_hinge_whose_base_is_fixed(
+    source: str, configuration: str, jointest: Jointest, shared_data: Path, tmp_path: Path
+) -> None:
+    """The axis in the fixed IMU does not show, and must not be made up; in the other one it is near that of the rig."""
+    bag = tmp_path / "song"
+    assert jointest("convert", "song", shared_data / "song" / f"{source}.mat", "-o", bag).code == 0
+    text = (Path(__file__).resolve().parents[2] / "config" / configuration).read_text(encoding="utf-8")
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(f"{text}\ncalibration_file: calibrated.yaml\n", encoding="utf-8")
+    refused = jointest("calibrate", "axis", bag, "-c", robot).refusal()
+    assert "joint 'shaft': its axis in 'imu_1' is undetermined: 'imu_1' hardly turned across it" in refused
+    assert not (tmp_path / "calibrated.yaml").exists()
+
+    assert jointest("calibrate", "axis", bag, "-c", robot, "--keep", "imu_1").code == 0
+    plain = config.load(robot.with_name("robot.yaml")).robot
+    axis = np.array(rotate_inverse(plain.sensor("imu_2").mounting, plain.joints[0].axes[0]))
+    off = math.degrees(math.acos(float(axis @ np.array(plain.joints[0].axes[0]))))
+    print(f"{source}: {off:.2f} deg from the axis of the rig")
+    assert 0.1 < off < 3.0
+    figures = tmp_path / "figures.json"
+    std = []
+    for path in (robot, tmp_path / "plain.yaml"):
+        path.write_text(robot.read_text(encoding="utf-8") if path == robot else text, encoding="utf-8")
+        assert jointest("evaluate", bag, "-c", path, "--skip", 20, "--json", figures).code == 0
+        std.append(json.loads(figures.read_text(encoding="utf-8"))["estimators"]["pcf"]["joints"]["shaft"]["std_deg"])
+    print(f"{source}: std {std[1]:.3f} deg as configured, {std[0]:.3f} with the identified axis")
+    assert std[0] < std[1]
