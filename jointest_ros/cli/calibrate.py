@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from jointest_ros.cli import calibrate_hall
+from jointest_ros.cli import calibrate_accel, calibrate_axis, calibrate_hall, calibrate_zero
 from jointest_ros.cli.common import Parsers
 
 
@@ -18,3 +18,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     )
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     calibrate_hall.add_parser(kinds)
+    calibrate_accel.add_parser(kinds)
+    calibrate_axis.add_parser(kinds)
+    calibrate_zero.add_parser(kinds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.evaluation import plots
 
 
-def add_options(parser: argparse.ArgumentParser, shown: str = "") -> None:
+def add_options(parser: argparse.ArgumentParser, shown: str = "", ending: str = ".png") -> None:
     """Recording, configuration and what is written; with --plot where there is something `shown` in a picture."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a .mcap or .db3 file")
     parser.add_argument("--config", "-c", required=True, type=Path, metavar="YAML", help="the robot's configuration")
@@ -21,7 +22,7 @@ def add_options(parser: argparse.ArgumentParser, shown: str = "") -> None:
         "-o", "--output", type=Path, metavar="FILE", help="default: the configuration's calibration_file"
     )
     if shown:
-        parser.add_argument("--plot", type=Path, metavar="FILE", help=f"{shown}; default: the output as .png")
+        parser.add_argument("--plot", type=Path, metavar="FILE", help=f"{shown}; default: <output>{ending}")
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the topics in the recording")
 
 
@@ -39,9 +40,9 @@ def target_file(arguments: argparse.Namespace, configuration: Configuration) -> 
     return target
 
 
-def picture_file(arguments: argparse.Namespace, target: Path) -> Path:
+def picture_file(arguments: argparse.Namespace, target: Path, ending: str = ".png") -> Path:
     """The picture to draw. Raises PlotError for another suffix, OutputError where it is the calibration file."""
-    picture: Path = arguments.plot or target.with_suffix(".png")
+    picture: Path = arguments.plot or target.with_name(target.stem + ending)
     plots.check_suffix(picture)
     if picture.resolve() == target.resolve():
         raise OutputError(f"{picture}: is the calibration file; choose another name for one of them")
@@ -57,4 +58,5 @@ def recorded(bag: Path, reader: BagReader) -> str:
 def say_how_to_use(arguments: argparse.Namespace, configuration: Configuration, target: Path) -> None:
     """What to write into the configuration, unless it names the file already."""
     if configuration.calibration_file is None or target.resolve() != configuration.calibration_file.resolve():
-        out.print(f"to use it, write into {arguments.config}: calibration_file: {target.name}")
+        name = os.path.relpath(target.resolve(), arguments.config.resolve().parent)
+        out.print(f"to use it, write into {arguments.config}: calibration_file: {name}")

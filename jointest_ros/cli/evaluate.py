@@ -29,7 +29,8 @@ from jointest_ros.cli.common import (
 from jointest_ros.cli.tables import consistency_line, error_tables, input_table
 from jointest_ros.config import Configuration
 from jointest_ros.core.frame import Series
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.evaluation import peers, plots
 from jointest_ros.evaluation.metrics import errors, has_figures
 from jointest_ros.evaluation.truth import Truth

@@ -27,7 +27,8 @@ from scipy.spatial.transform import Rotation
 from jointest_ros.core.errors import JointestError
 from jointest_ros.core.frame import FloatArray, Recording, Series, Vec3
 from jointest_ros.core.pcf.attitude import STILL, zero_rotation
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Robot, Sensor
 from jointest_ros.core.rotation import dot, log, rotate
 from jointest_ros.evaluation.metrics import errors

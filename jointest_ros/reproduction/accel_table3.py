@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from jointest_ros.core.accel.array import JointArrays, joint_arrays
 from jointest_ros.core.accel.ekf import AccelEkf
-from jointest_ros.core.accel.paper_model import PaperModel, PaperNoise
+from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import Robot
 from jointest_ros.reproduction import accel_trials as trials

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointest_ros.core.accel.joint_model import JointModel, ModelNoise
-from jointest_ros.core.accel.joint_trials import run_joint_model
-from jointest_ros.core.accel.paper_linearise import Linearise, linearise_ekf, ukf
-from jointest_ros.core.accel.paper_model import PaperModel, PaperNoise, link_noise, link_reading, relative_vector
-from jointest_ros.core.accel.paper_trials import run_filter
+from jointest_ros.core.accel.joint.model import JointModel, ModelNoise
+from jointest_ros.core.accel.joint.trials import run_joint_model
+from jointest_ros.core.accel.paper.linearise import Linearise, linearise_ekf, ukf
+from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise, link_noise, link_reading, relative_vector
+from jointest_ros.core.accel.paper.trials import run_filter
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.accel_bound import array_information, bound, rms_deg
 from jointest_ros.sim.slider_crank import PERIOD, CrankMotion

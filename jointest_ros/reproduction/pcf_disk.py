@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.kinematics import link_poses
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Robot
 from jointest_ros.evaluation.posture import Contact, contact_points, fit_circle
 from jointest_ros.reproduction.result import Options, Report, Result, ResultTable

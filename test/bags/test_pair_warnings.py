@@ -12,7 +12,8 @@ from jointest_ros.bags import offline, synthetic
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.timing import Timing
 from jointest_ros.sim.finger import simulate
 

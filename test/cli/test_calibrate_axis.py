@@ -33,7 +33,9 @@ def simulated(jointest: Jointest, bag: Path, scenario: str, *options: object) ->
     for sensor in document["sensors"].values():
         sensor.pop("mounting", None)
     robot = bag.with_name("robot.yaml")
-    robot.write_text(yaml.safe_dump({"calibration_file": "calibrated.yaml", **document}), encoding="utf-8")
+    robot.write_text(
+        yaml.safe_dump({"calibration_file": "calibrated.yaml", **document}, sort_keys=False), encoding="utf-8"
+    )
     return robot
 
 
@@ -66,7 +68,7 @@ def robot(run: Path, tmp_path: Path) -> Path:
 
 
 def axis_errors(configuration: Path, bag: Path) -> dict[tuple[str, str], float]:
-    """Angle, deg, between each joint's axis in each of its sensors by `configuration` and by the truth beside `bag`."""
+    """Angle, deg, between each joint's axis in each of its sensors by `configuration` and by the truth of `bag`."""
     robots = [config.load(path).robot for path in (configuration, bag.with_name(f"{bag.name}.yaml"))]
 
     def axis(robot: Robot, sensor: str, joint: int) -> np.ndarray:
@@ -294,8 +296,15 @@ def test_a_real_hinge_whose_base_is_fixed(
     source: str, configuration: str, jointest: Jointest, shared_data: Path, tmp_path: Path
 ) -> None:
     """The axis in the fixed IMU does not show, and must not be made up; in the other one it is near that of the rig."""
-    bag = tmp_path / "song"
-    assert jointest("convert", "song", shared_data / "song" / f"{source}.mat", "-o", bag).code == 0
+    whole, bag = tmp_path / "whole", tmp_path / "song"
+    assert jointest("convert", "song", shared_data / "song" / f"{source}.mat", "-o", whole).code == 0
+    with BagReader(whole) as reader, BagWriter(bag) as writer:
+        for topic in ("/imu/imu_1", "/imu/imu_2"):
+            writer.add_topic(topic, reader.topics[topic])
+        for topic, time, data in reader.messages(("/imu/imu_1", "/imu/imu_2")):
+            if time > reader.start_ns + 200 * 10**9:
+                break
+            writer.write(topic, time, data)
     text = (Path(__file__).resolve().parents[2] / "config" / configuration).read_text(encoding="utf-8")
     robot = tmp_path / "robot.yaml"
     robot.write_text(f"{text}\ncalibration_file: calibrated.yaml\n", encoding="utf-8")
@@ -304,16 +313,9 @@ def test_a_real_hinge_whose_base_is_fixed(
     assert not (tmp_path / "calibrated.yaml").exists()
 
     assert jointest("calibrate", "axis", bag, "-c", robot, "--keep", "imu_1").code == 0
-    plain = config.load(robot.with_name("robot.yaml")).robot
-    axis = np.array(rotate_inverse(plain.sensor("imu_2").mounting, plain.joints[0].axes[0]))
-    off = math.degrees(math.acos(float(axis @ np.array(plain.joints[0].axes[0]))))
+    calibrated = config.load(robot).robot
+    axis = calibrated.joints[0].axes[0]
+    off = math.degrees(math.acos(float(np.dot(rotate_inverse(calibrated.sensor("imu_2").mounting, axis), axis))))
     print(f"{source}: {off:.2f} deg from the axis of the rig")
-    assert 0.1 < off < 3.0
-    figures = tmp_path / "figures.json"
-    std = []
-    for path in (robot, tmp_path / "plain.yaml"):
-        path.write_text(robot.read_text(encoding="utf-8") if path == robot else text, encoding="utf-8")
-        assert jointest("evaluate", bag, "-c", path, "--skip", 20, "--json", figures).code == 0
-        std.append(json.loads(figures.read_text(encoding="utf-8"))["estimators"]["pcf"]["joints"]["shaft"]["std_deg"])
-    print(f"{source}: std {std[1]:.3f} deg as configured, {std[0]:.3f} with the identified axis")
-    assert std[0] < std[1]
+    assert 0.5 < off < 3.0  # the principal direction of its gyro is 1.6 and 1.9 deg off
+    assert calibrated.sensor("imu_1").mounting == IDENTITY

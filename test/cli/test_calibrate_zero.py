@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from jointest_ros import config
-from jointest_ros.bags.synthetic import FIRST_STAMP, messages, topics
+from jointest_ros.bags.synthetic import messages, topics
 from jointest_ros.bags.writer import BagWriter
 from jointest_ros.config.text import robot_yaml
 from jointest_ros.core.frame import Recording
@@ -44,7 +44,9 @@ def robot(run: Path, tmp_path: Path) -> Path:
         sensor["mounting"] = {"quaternion": list(turned)}
     document["estimators"]["pcf"] = {"zero_at_start": False}
     path = tmp_path / "robot.yaml"
-    path.write_text(yaml.safe_dump({"calibration_file": "calibrated.yaml", **document}), encoding="utf-8")
+    path.write_text(
+        yaml.safe_dump({"calibration_file": "calibrated.yaml", **document}, sort_keys=False), encoding="utf-8"
+    )
     return path
 
 
@@ -166,7 +168,6 @@ def at_rest(
             writer.write(f"/{topic}", stamp, data)
     path = bag.with_name("robot.yaml")
     path.write_text(robot_yaml(robot, {"pcf": {}}, "an arm") + "calibration_file: calibrated.yaml\n", encoding="utf-8")
-    assert FIRST_STAMP > 0
     return path
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from jointest_ros.core.accel.array import joint_arrays
 from jointest_ros.core.accel.ekf import AccelEkf, AccelEkfParams
-from jointest_ros.core.accel.joint_filter import JointFilter
-from jointest_ros.core.accel.joint_model import JointModel, ModelNoise
-from jointest_ros.core.accel.joint_trials import run_joint_model
+from jointest_ros.core.accel.joint.filter import JointFilter
+from jointest_ros.core.accel.joint.model import JointModel, ModelNoise
+from jointest_ros.core.accel.joint.trials import run_joint_model
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray, Frame, Recording, Series, Status
 from jointest_ros.core.robot import Joint, Robot, Sensor

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jointest_ros.core.accel.joint_model import JointModel, ModelNoise
-from jointest_ros.core.accel.joint_trials import run_joint_model
-from jointest_ros.core.accel.paper_trials import Trials
+from jointest_ros.core.accel.joint.model import JointModel, ModelNoise
+from jointest_ros.core.accel.joint.trials import run_joint_model
+from jointest_ros.core.accel.paper.trials import Trials
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import STANDARD_GRAVITY
 from jointest_ros.sim.slider_crank import PERIOD, SCENARIOS, CrankMotion, motion

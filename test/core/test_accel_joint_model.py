@@ -7,14 +7,14 @@ import pytest
 from scipy.linalg import expm
 
 from jointest_ros.core.accel.array import lever
-from jointest_ros.core.accel.joint_model import (
+from jointest_ros.core.accel.joint.model import (
     ANGLE,
     MOTION,
     JointModel,
     ModelNoise,
     channel_innovations,
 )
-from jointest_ros.core.accel.joint_trials import run_joint_model
+from jointest_ros.core.accel.joint.trials import run_joint_model
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.sim import slider_crank
 

@@ -9,15 +9,15 @@ import pytest
 from accel_printed import Printed, covariance_of, rotation, sigma_points, times, transposed
 
 from jointest_ros.core.accel.array import array_matrices
-from jointest_ros.core.accel.paper_linearise import ARRAYS, FLOATS, Linearise, linearise_ekf, ukf
-from jointest_ros.core.accel.paper_model import PaperModel, PaperNoise, link_noise, link_reading
-from jointest_ros.core.accel.paper_trapezoid import (
+from jointest_ros.core.accel.paper.linearise import ARRAYS, FLOATS, Linearise, linearise_ekf, ukf
+from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise, link_noise, link_reading
+from jointest_ros.core.accel.paper.trapezoid import (
     correct_trapezoid,
     divided_difference,
     predict_trapezoid,
     start_trapezoid,
 )
-from jointest_ros.core.accel.paper_trials import DECORRELATED, PRINTED, TRAPEZOID, run_filter
+from jointest_ros.core.accel.paper.trials import DECORRELATED, PRINTED, TRAPEZOID, run_filter
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.sim import slider_crank
 
@@ -171,7 +171,7 @@ def test_trials_of_different_arrays_run_together() -> None:
 
 def test_many_trials_are_the_same_in_blocks(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run_filter(case.readings[:, :50], case.model.noise, DT, case.starts, P0)
-    monkeypatch.setattr("jointest_ros.core.accel.paper_trials.BLOCK", 4)
+    monkeypatch.setattr("jointest_ros.core.accel.paper.trials.BLOCK", 4)
     parts = run_filter(case.readings[:, :50], case.model.noise, DT, case.starts, P0)
     assert (parts.state == whole.state).all()
 

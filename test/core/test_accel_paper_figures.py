@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from accel_printed import Printed
 
-from jointest_ros.core.accel.paper_linearise import Linearise, linearise_ekf, ukf
-from jointest_ros.core.accel.paper_model import PaperModel, PaperNoise, link_noise, link_reading, relative_vector
-from jointest_ros.core.accel.paper_trials import DECORRELATED, PRINTED, TRAPEZOID, run_filter
+from jointest_ros.core.accel.paper.linearise import Linearise, linearise_ekf, ukf
+from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise, link_noise, link_reading, relative_vector
+from jointest_ros.core.accel.paper.trials import DECORRELATED, PRINTED, TRAPEZOID, run_filter
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.sim import slider_crank
 from jointest_ros.sim.slider_crank import SCENARIOS, CrankMotion, row

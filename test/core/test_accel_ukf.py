@@ -11,8 +11,8 @@ import pytest
 
 from jointest_ros.core.accel.array import JointArrays, joint_arrays
 from jointest_ros.core.accel.ekf import AccelEkf, AccelEkfParams
-from jointest_ros.core.accel.paper_linearise import Linearise, linearise_ekf, ukf
-from jointest_ros.core.accel.paper_pair import PaperPair
+from jointest_ros.core.accel.paper.linearise import Linearise, linearise_ekf, ukf
+from jointest_ros.core.accel.paper.pair import PaperPair
 from jointest_ros.core.accel.ukf import AccelUkf, AccelUkfParams
 from jointest_ros.core.frame import FloatArray, Frame, Recording, Series, Status
 from jointest_ros.core.robot import Robot

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.pcf.average import AccelAverage
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.sim.finger import simulate
 from jointest_ros.sim.hand import HandRecording
 from jointest_ros.sim.imu import GRAVITY

@@ -9,7 +9,8 @@ import pytest
 from pcf_swing import X, Y, Z, lose, sway, swing, take
 
 from jointest_ros.core.frame import Recording, Series
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Robot
 from jointest_ros.sim.finger import simulate
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Frame, Series, Status
 from jointest_ros.core.pcf.attitude import ComplementaryFilter, Gains, joint_angles, zero_rotation
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import log, norm
 from jointest_ros.sim.finger import AXIS, LINKS, simulate

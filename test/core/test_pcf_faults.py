@@ -10,7 +10,8 @@ import pytest
 from pcf_swing import X, Y, Z, lose, rest, sway, swing, take
 
 from jointest_ros.core.frame import FloatArray, Frame, Recording, Series, Status
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.sim.finger import simulate
 

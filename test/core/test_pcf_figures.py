@@ -15,7 +15,8 @@ import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording, Series
 from jointest_ros.core.pcf.attitude import ComplementaryFilter, Gains
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.rotation import log
 from jointest_ros.sim.finger import simulate
 from jointest_ros.sim.hand import ACCEL_NOISE, GYRO_NOISE, HandRecording

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import FloatArray, Status
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.sim.gripper import PALM_ANGLES, simulate
 from jointest_ros.sim.hand import HandRecording
 

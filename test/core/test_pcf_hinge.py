@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import FloatArray, Frame, Recording, Series, Status, Vec3
-from jointest_ros.core.pcf.pcf import Pcf, PcfParams
+from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import between, norm, unit
 from jointest_ros.core.timing import Timing

@@ -10,7 +10,8 @@ import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording, Series, Status
 from jointest_ros.core.pcf.field import LEARN, QUIET, FieldWatch
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.pcf.settings import Field
 from jointest_ros.sim.finger import simulate
 from jointest_ros.sim.hand import HandRecording

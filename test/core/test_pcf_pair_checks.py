@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import Recording, Vec3
 from jointest_ros.core.pcf.pair_checks import PairCheck, odd_ones, verdict
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot
 from jointest_ros.sim import finger, gripper
 from jointest_ros.sim.hand import HandRecording

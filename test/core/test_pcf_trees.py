@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Series, Vec3
 from jointest_ros.core.kinematics import link_poses
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import unit
 from jointest_ros.sim import hand

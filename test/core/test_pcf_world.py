@@ -11,7 +11,8 @@ from pcf_swing import X, Y, Z, lose, swing, take
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray, Recording, Series, Status, Vec3
-from jointest_ros.core.pcf.pcf import FORMULATIONS, Pcf, PcfParams
+from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
+from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import unit
 from jointest_ros.sim.gripper import simulate

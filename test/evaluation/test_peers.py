@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import FloatArray, Recording, Series
-from jointest_ros.core.pcf.pcf import PcfParams
+from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.core.rotation import between
 from jointest_ros.evaluation import peers

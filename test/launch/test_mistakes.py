@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from processes import Completed, run
 
-from jointest_ros.core.pcf.pcf import PcfParams
+from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.nodes.estimator_node import NodeParams
 from jointest_ros.nodes.sim_hardware_node import PlayParams
 from jointest_ros.sim.finger import FingerOptions

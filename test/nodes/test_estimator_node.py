@@ -20,7 +20,7 @@ from without_ros import assert_same, estimate, make, simulated, stamp
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Series
-from jointest_ros.core.pcf.pcf import PcfParams
+from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.nodes import estimator_node
 from jointest_ros.nodes.estimator_node import EstimatorNode, NodeParams
 from jointest_ros.nodes.parameters import tunable

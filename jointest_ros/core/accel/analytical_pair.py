@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jointest_ros.core.accel.array import JointArrays
 from jointest_ros.core.accel.pair_filter import UNKNOWN, UNOBSERVABLE, first_branch
-from jointest_ros.core.accel.paper_model import relative_noise, relative_vector
+from jointest_ros.core.accel.paper.model import relative_noise, relative_vector
 from jointest_ros.core.accel.reader import Reader
 from jointest_ros.core.frame import FloatArray, Status
 

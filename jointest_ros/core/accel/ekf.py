@@ -1,9 +1,9 @@
 """`accel_ekf`: joint angles from two or more accelerometers on either link of a joint, by an extended Kalman filter.
 
 model: joint   rates, angle, angular accelerations and jerks of both links, measured by the readings themselves; a bias
-               of every channel (see joint_model.py for states and equations, joint_filter.py for start and recovery).
+               of every channel (see joint/model.py for states and equations, joint/filter.py for start and recovery).
 model: paper   rates and angle; the angular accelerations of (10) are its input, w^2 and the force at the joint its
-               measurement, (13)-(22) with the noise that both have in common done right (see paper_model.py).
+               measurement, (13)-(22) with the noise that both have in common done right (see paper/model.py).
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 
 from jointest_ros.core.accel.array import JointArrays
 from jointest_ros.core.accel.estimator import AccelEstimator
-from jointest_ros.core.accel.joint_filter import JointFilter
-from jointest_ros.core.accel.joint_model import ModelNoise
+from jointest_ros.core.accel.joint.filter import JointFilter
+from jointest_ros.core.accel.joint.model import ModelNoise
+from jointest_ros.core.accel.joint.smoother import Snapshot, smooth_steps
 from jointest_ros.core.accel.pair_filter import PairFilter
-from jointest_ros.core.accel.paper_linearise import linearise_ekf
-from jointest_ros.core.accel.paper_pair import PaperPair
-from jointest_ros.core.accel.smoother import Snapshot, smooth_steps
+from jointest_ros.core.accel.paper.linearise import linearise_ekf
+from jointest_ros.core.accel.paper.pair import PaperPair
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Estimate, Recording, Series
 from jointest_ros.core.params import Params, param

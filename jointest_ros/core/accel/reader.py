@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.accel.array import JointArrays
-from jointest_ros.core.accel.paper_model import PaperModel, PaperNoise, link_noise, link_reading
+from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise, link_noise, link_reading
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import FloatArray
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from jointest_ros.core.accel.paper_model import PaperNoise, relative_noise, relative_vector
+from jointest_ros.core.accel.paper.model import PaperNoise, relative_noise, relative_vector
 
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 LARGEST_ANGLE_VARIANCE = 1.0  # rad^2, where the force at the joint says nothing

@@ -1,7 +1,7 @@
 """`accel_ukf`: the paper's unscented Kalman filter on accelerometer arrays (Woods & Vikas, III.C).
 
-The model of paper_model.py, one filter for each joint (paper_pair.py) with the linearisation over sigma points
-(paper_linearise.py). It gives what `accel_ekf` with `model: paper` gives, within a few percent of its error; the joint
+The model of paper/model.py, one filter for each joint (paper/pair.py) with the linearisation over sigma points
+(paper/linearise.py). It gives what `accel_ekf` with `model: paper` gives, within a few percent of its error; the joint
 model of `accel_ekf` is better.
 """
 
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from jointest_ros.core.accel.array import JointArrays
 from jointest_ros.core.accel.estimator import AccelEstimator
-from jointest_ros.core.accel.paper_linearise import ukf
-from jointest_ros.core.accel.paper_pair import PaperPair
+from jointest_ros.core.accel.paper.linearise import ukf
+from jointest_ros.core.accel.paper.pair import PaperPair
 from jointest_ros.core.params import Params, param
 
 

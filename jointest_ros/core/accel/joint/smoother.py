@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointest_ros.core.accel.joint_model import JointModel
+from jointest_ros.core.accel.joint.model import JointModel
 from jointest_ros.core.frame import FloatArray
 
 

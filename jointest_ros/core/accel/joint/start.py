@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from jointest_ros.core.accel.array import JointArrays
-from jointest_ros.core.accel.joint_model import ANGLE
+from jointest_ros.core.accel.joint.model import ANGLE
 from jointest_ros.core.accel.reader import Reader
-from jointest_ros.core.accel.start import hypotheses
+from jointest_ros.core.accel.start import evidence, hypotheses
 from jointest_ros.core.frame import FloatArray
-
-_TELLING = 0.25  # rad^2, a sample whose angle has a larger variance tells nothing
-_ENOUGH = 44.0  # 1/rad^2, sum of 1 / variance over telling samples in a row: noise alone does not reach that
 
 
 class JointStart:
@@ -48,9 +45,8 @@ class JointStart:
             return None
         starts = hypotheses(*read)
         states, spreads = np.array([state for state, _ in starts]), np.array([spread for _, spread in starts])
-        told = spreads[0, ANGLE] < _TELLING
-        self.told = self.told + 1.0 / float(spreads[0, ANGLE]) if told else 0.0
-        if self.told < _ENOUGH:
+        self.told, enough = evidence(self.told, float(spreads[0, ANGLE]))
+        if not enough:
             return None
         self.clear()
         return states, spreads

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointest_ros.core.accel.paper_euler import correct_euler, predict_euler
-from jointest_ros.core.accel.paper_linearise import ARRAYS, Linearise, linearise_ekf
-from jointest_ros.core.accel.paper_model import PaperNoise, Values
-from jointest_ros.core.accel.paper_trapezoid import (
+from jointest_ros.core.accel.paper.euler import correct_euler, predict_euler
+from jointest_ros.core.accel.paper.linearise import ARRAYS, Linearise, linearise_ekf
+from jointest_ros.core.accel.paper.model import PaperNoise, Values
+from jointest_ros.core.accel.paper.trapezoid import (
     correct_trapezoid,
     divided_difference,
     predict_trapezoid,
@@ -57,8 +57,8 @@ def run_filter(
         period: s.
         start: x0, (3) or (trials, 3), rad/s and rad.
         start_covariance: P0, (3, 3).
-        form: `PRINTED` (paper_euler.py, without (20): the paper's results), `DECORRELATED` (with (20), right) or
-            `TRAPEZOID` (production, paper_trapezoid.py).
+        form: `PRINTED` (paper/euler.py, without (20): the paper's results), `DECORRELATED` (with (20), right) or
+            `TRAPEZOID` (production, paper/trapezoid.py).
         linearise: `linearise_ekf`, or what `ukf` returns.
     """
     number, length, _ = readings.shape

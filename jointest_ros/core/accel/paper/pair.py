@@ -17,9 +17,9 @@ from typing import Any
 
 from jointest_ros.core.accel.array import JointArrays
 from jointest_ros.core.accel.pair_filter import UNKNOWN, UNOBSERVABLE, first_branch
-from jointest_ros.core.accel.paper_linearise import FLOATS, Linearise
-from jointest_ros.core.accel.paper_model import PaperNoise
-from jointest_ros.core.accel.paper_trapezoid import (
+from jointest_ros.core.accel.paper.linearise import FLOATS, Linearise
+from jointest_ros.core.accel.paper.model import PaperNoise
+from jointest_ros.core.accel.paper.trapezoid import (
     correct_trapezoid,
     divided_difference,
     predict_trapezoid,
@@ -36,7 +36,7 @@ _AVERAGED = 0.25  # s
 _PATIENCE = 1.0  # s between fresh starts beside the filter
 _UNEVEN = 2.0  # steps that differ more are bridged without the end correction: it would amplify the noise
 
-# X and P (see paper_trapezoid.py), cumulative log likelihood, whitened innovations of the newest sample
+# X and P (see paper/trapezoid.py), cumulative log likelihood, whitened innovations of the newest sample
 Hypothesis = tuple[list[float], list[float], float, Sequence[float]]
 _NONE = (math.nan,) * 4
 _STARTING, _UNOBSERVABLE = int(Status.STARTING), int(Status.UNOBSERVABLE)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jointest_ros.core.accel.paper_linearise import Linearised, Trig
-from jointest_ros.core.accel.paper_model import Real, Values
+from jointest_ros.core.accel.paper.linearise import Linearised, Trig
+from jointest_ros.core.accel.paper.model import Real, Values
 
 
 class Correction(NamedTuple):

@@ -6,14 +6,14 @@ sample and in the measurement of that sample. So the filter carries the angular 
 X = [w_a, w_b, th, alpha_a, alpha_b], each alpha from its reading alone, improved by the measurement that shares its
 noise. The noise of the end correction does not add up from step to step and is left out.
 
-Conventions as in paper_linearise.py.
+Conventions as in paper/linearise.py.
 """
 
 from __future__ import annotations
 
-from jointest_ros.core.accel.paper_correct import Correction, correct
-from jointest_ros.core.accel.paper_linearise import Linearise, Trig
-from jointest_ros.core.accel.paper_model import PaperNoise, Real, Values
+from jointest_ros.core.accel.paper.correct import Correction, correct
+from jointest_ros.core.accel.paper.linearise import Linearise, Trig
+from jointest_ros.core.accel.paper.model import PaperNoise, Real, Values
 
 
 def predict_trapezoid(

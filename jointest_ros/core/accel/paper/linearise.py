@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jointest_ros.core.accel.paper_model import Real, Values
+from jointest_ros.core.accel.paper.model import Real, Values
 
 
 class Trig(NamedTuple):

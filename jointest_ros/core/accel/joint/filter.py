@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from jointest_ros.core.accel.array import JointArrays
-from jointest_ros.core.accel.joint_model import (
+from jointest_ros.core.accel.joint.model import (
     ANGLE,
     MOTION,
     Correction,
@@ -28,13 +28,12 @@ from jointest_ros.core.accel.joint_model import (
     Weighting,
     channel_innovations,
 )
-from jointest_ros.core.accel.joint_start import JointStart
+from jointest_ros.core.accel.joint.smoother import Snapshot
+from jointest_ros.core.accel.joint.start import JointStart
 from jointest_ros.core.accel.pair_filter import UNKNOWN, UNOBSERVABLE, first_branch
-from jointest_ros.core.accel.smoother import Snapshot
-from jointest_ros.core.accel.start import survivors
+from jointest_ros.core.accel.start import LOST, survivors
 from jointest_ros.core.frame import FloatArray, Status
 
-_LOST = 0.5  # rad^2, variance of the angle from which on the filter, linear in small errors, means nothing
 # Strain: mean square of the normalised innovations, 1 when all is well, more in movements faster than the model expects
 _CONTRADICTION = 8.0  # times the usual strain, of a sample that cannot be true
 _JUDGES = 4  # sensors, of which one may be left out
@@ -146,7 +145,7 @@ class JointFilter:
             self._x, self._p = self.model.predict(self._x, self._p, dt)
         self._parents = list(range(len(self._x))) if self._x.ndim > 1 else [0]
         self._silent += dt
-        if self._silent > self._max_gap or self._p[..., ANGLE, ANGLE].min() > _LOST:
+        if self._silent > self._max_gap or self._p[..., ANGLE, ANGLE].min() > LOST:
             self._left = self.angle
             self._leave()
 

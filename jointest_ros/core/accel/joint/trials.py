@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointest_ros.core.accel.joint_model import ANGLE, JointModel
-from jointest_ros.core.accel.paper_trials import Trials
-from jointest_ros.core.accel.smoother import smooth
+from jointest_ros.core.accel.joint.model import ANGLE, JointModel
+from jointest_ros.core.accel.joint.smoother import smooth
+from jointest_ros.core.accel.paper.trials import Trials
 from jointest_ros.core.frame import FloatArray
 
 BLOCK = 64  # trials at a time: their numbers fit into the cache, and the smoother keeps all of them

@@ -5,14 +5,14 @@ With (20) right, the noise that input and measurement of a sample have in common
     L = S R^-1, S = E[w v^T] = -dT E[e v^T], x- = g(x) + L (z - h(x)), P- = (F - L H) P (F - L H)^T + Q - L R L^T.
 
 The paper's signs in (10) and (20) are both wrong and cancel; Jacobian and process noise it does not state.
-Conventions as in paper_linearise.py.
+Conventions as in paper/linearise.py.
 """
 
 from __future__ import annotations
 
-from jointest_ros.core.accel.paper_correct import Correction, backward, cholesky, columns_of, correct, forward
-from jointest_ros.core.accel.paper_linearise import Linearise, Trig
-from jointest_ros.core.accel.paper_model import PaperNoise, Real, Values
+from jointest_ros.core.accel.paper.correct import Correction, backward, cholesky, columns_of, correct, forward
+from jointest_ros.core.accel.paper.linearise import Linearise, Trig
+from jointest_ros.core.accel.paper.model import PaperNoise, Real, Values
 
 
 def predict_euler(

@@ -1,0 +1,140 @@
+"""`jointest calibrate zero`: the pose of a still phase becomes the zero pose of the joints."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from jointest_ros import config
+from jointest_ros.cli.calibrate_common import add_options, say_how_to_use, target_file
+from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, columns, command, read_pairs, save
+from jointest_ros.cli.common import Parsers, complain, out, warn
+from jointest_ros.config import calibration
+from jointest_ros.core.errors import CalibrationError
+from jointest_ros.core.frame import Quat
+from jointest_ros.evaluation.inertial_windows import StillPhase, WindowMeans
+from jointest_ros.evaluation.joint_pairs import Pair, hinge_pairs
+from jointest_ros.evaluation.mounting_fit import reading, turned, zeroed
+
+_SHORTEST = 1.0  # s, of a still phase
+_LEFT_OVER = math.radians(0.05)  # worth a word
+_NEXT_TO_NOTHING = 1e-7  # rad
+
+
+def add_parser(kinds: Parsers[Any]) -> None:
+    """Declare the kind."""
+    zero = kinds.add_parser(
+        "zero",
+        help="the pose in which every joint reads zero",
+        description="Take the pose of a still phase as the zero pose: mountings are changed so that the joints read "
+        "zero there. Axes stay where they are in the IMUs.",
+        epilog="The robot has to stand still for a second or longer, in a pose in which no axis is within 10 deg of "
+        "vertical. The first such phase counts, or that of --at. What is still is decided by still_gyro_dps, "
+        "still_accel and largest_bias_dps under estimators: pcf:.",
+    )
+    add_options(zero)
+    add_joints(zero, "zero")
+    zero.add_argument(
+        "--at", type=float, metavar="SECONDS", help="the still phase at this time after the start of the recording"
+    )
+    zero.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Body of `calibrate zero`."""
+    bag, configuration = arguments.bag, config.load(arguments.config)
+    pairs, left_out = chosen_pairs(arguments, configuration)
+    target = target_file(arguments, configuration)
+    readings, when = read_pairs(arguments, configuration, pairs)
+    phase = _phase(arguments, readings.means)
+    for text in (*readings.warnings, *(f"{text}; left out" for text in left_out)):
+        warn(text)
+    before = {pair.joint.name: reading(pair, *_accel(pair, phase)) for pair in pairs}
+    upright = [name for name, angle in before.items() if angle is None]
+    if len(upright) == len(pairs):
+        raise CalibrationError(f"{bag}: joint '{upright[0]}': {_UPRIGHT}")
+    for name in upright:
+        warn(f"joint '{name}': {_UPRIGHT}; left as it is")
+    zeroing = {name for name, angle in before.items() if angle is not None}
+    everything = hinge_pairs(configuration.robot)[0]
+    mountings = zeroed(everything, phase.accel, zeroing)
+    after = {pair.joint.name: reading(_with(pair, mountings), *_accel(pair, phase)) for pair in pairs}
+    times = f"still from {_seconds(phase.start, readings.means):.1f} to {_seconds(phase.end, readings.means):.1f} s"
+    own = {sensor.name for pair in pairs for sensor in pair.sensors}
+    sensors = list({sensor.name: sensor for pair in everything for sensor in pair.sensors}.values())
+    sensors = [s for s in sensors if s.name in own or turned(s, mountings[s.name]) > _NEXT_TO_NOTHING]
+    save(
+        target,
+        sensors,
+        mountings,
+        _heading(arguments, f"{when}; {times}", before, calibration.heading(target, "mountings")),
+    )
+    table = columns(f"joint readings, {times}", ["joint"], ["before\ndeg", "after\ndeg"])
+    for name, angle in before.items():
+        table.add_row(name, _degrees(angle), _degrees(after[name]))
+        if (now := after[name]) is not None and abs(now) > _LEFT_OVER and angle is not None:
+            warn(
+                f"joint '{name}': its axes leave the mountings no freedom to make it read zero in this pose; "
+                "check the axes of the joints beside it, or the pose"
+            )
+    out.print(table)
+    turns = [f"{s.name} {math.degrees(turned(s, mountings[s.name])):.2f} deg" for s in sensors]
+    out.print(f"turned: {', '.join(turns)}")
+    out.print(f"{target}: mountings of {', '.join(sensor.name for sensor in sensors)}")
+    say_how_to_use(arguments, configuration, target)
+    if readings.damage:
+        complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
+        return 2
+    return 0
+
+
+_UPRIGHT = "its axis is within 10 deg of vertical in this pose, where its angle does not show; tilt the robot"
+
+
+def _phase(arguments: argparse.Namespace, means: WindowMeans) -> StillPhase:
+    """The still phase to take. Raises CalibrationError."""
+    phases = [phase for phase in means.still if phase.duration >= _SHORTEST]
+    if not phases:
+        longest = max((phase.duration for phase in means.still), default=0.0)
+        raise CalibrationError(
+            f"{arguments.bag}: the robot never stands still for {_SHORTEST:g} s (longest: {longest:.1f} s); hold it "
+            "still in its zero pose, or see still_gyro_dps, still_accel, largest_bias_dps under estimators: pcf:"
+        )
+    if arguments.at is None:
+        return phases[0]
+    for phase in phases:
+        if _seconds(phase.start, means) <= arguments.at <= _seconds(phase.end, means):
+            return phase
+    still = ", ".join(f"{_seconds(p.start, means):.1f} to {_seconds(p.end, means):.1f} s" for p in phases)
+    raise CalibrationError(f"{arguments.bag}: --at {arguments.at:g}: the robot moves there; it is still at {still}")
+
+
+def _seconds(stamp: int, means: WindowMeans) -> float:
+    return (stamp - means.first) * 1e-9
+
+
+def _accel(pair: Pair, phase: StillPhase) -> tuple[Sequence[float], Sequence[float]]:
+    return phase.accel[pair.parent.name], phase.accel[pair.child.name]
+
+
+def _with(pair: Pair, mountings: dict[str, Quat]) -> Pair:
+    one, two = (replace(sensor, mounting=mountings[sensor.name]) for sensor in pair.sensors)
+    return replace(pair, parent=one, child=two)
+
+
+def _degrees(angle: float | None) -> str:
+    return "vertical" if angle is None else f"{round(math.degrees(angle), 3) + 0.0:.3f}"
+
+
+def _heading(arguments: argparse.Namespace, when: str, before: dict[str, float | None], old: str) -> str:
+    """The comment of the section, with what it says of the axes."""
+    at = () if arguments.at is None else (f"--at {arguments.at:g}",)
+    lines = [
+        f"Zero pose by: {command(arguments, 'zero', *at)}",
+        f"Recording: {when}.",
+        f"Before, the joints read there, deg: {', '.join(f'{name} {_degrees(a)}' for name, a in before.items())}",
+    ]
+    return "\n".join([*lines, *([old[old.index("Axes by:") :]] if "Axes by:" in old else [])])
