@@ -40,8 +40,8 @@ demo: environment ## a simulated finger or --robot exoshell, estimates beside th
 	@.venv/bin/jointest demo $(ARGS)
 	@echo "For the commands in this shell: . .venv/bin/activate"
 
-test: lint ## lint, then all tests (ARGS="-k kckf" for some)
-	@.venv/bin/python -m pytest $(ARGS)
+test: lint ## lint, then all tests in two processes (ARGS="-k kckf" for some)
+	@.venv/bin/python -m pytest -n 2 --dist loadgroup $(ARGS)
 
 lint: environment ## style and types: ruff and mypy
 	@echo "Checking style (ruff)"

@@ -15,6 +15,13 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 101 + 1)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What runs beside one another (pytest-xdist): files; but all that sends ROS messages is one lot."""
+    for item in items:
+        file = item.path.relative_to(PROJECT / "test")
+        item.add_marker(pytest.mark.xdist_group("ros" if file.parts[0] in ("nodes", "launch") else str(file)))
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of public recordings; skips where it is not at hand."""

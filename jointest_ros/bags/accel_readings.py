@@ -11,7 +11,7 @@ from jointest_ros.bags import offline
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.core.frame import FloatArray, Frame, Recording
+from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import UNCALIBRATED_MATRIX, Robot
 from jointest_ros.core.timing import Timing
 
@@ -51,11 +51,7 @@ def read_accel(
             replace(sensor, accel_matrix=UNCALIBRATED_MATRIX, accel_offset=(0.0, 0.0, 0.0)) for sensor in robot.sensors
         ),
     )
-    parts: list[Recording] = []
-
-    def collect(frames: list[Frame]) -> None:
-        parts.append(Recording.from_frames(frames))
-
+    sink = offline.RecordingSink()
     outcome = offline.run(
         reader,
         Intake(raw, timing),
@@ -63,15 +59,14 @@ def read_accel(
         lambda name, estimates: None,
         namespace=namespace,
         progress=progress,
-        frame_sink=collect,
+        frame_sink=sink,
     )
-    sensors = [sensor.name for sensor in robot.sensors if any(sensor.name in part.accel for part in parts)]
-    if not sensors:
+    recording = sink.recording()
+    if not recording.accel:
         raise BagError(f"{reader.path}: no accelerometer message could be used")
-    stamps = np.concatenate([part.stamps for part in parts])
+    stamps = recording.stamps
     rising = stamps > np.append(np.iinfo(np.int64).min, np.maximum.accumulate(stamps)[:-1])
-    accel = {}
-    for sensor in sensors:
-        rows = [part.accel.get(sensor, np.full((len(part), 3), np.nan)) for part in parts]
-        accel[sensor] = np.concatenate(rows)[rising]
+    accel = {
+        sensor.name: recording.accel[sensor.name][rising] for sensor in robot.sensors if sensor.name in recording.accel
+    }
     return AccelReadings(stamps[rising], accel, outcome.warnings, outcome.damage)

@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         joints = [advise(one, _courses(one, swings, up, rate), bias, lengths) for one in joint_arrays(robot)]
     except ConfigurationError as error:
-        raise ConfigurationError(f"{arguments.config}: no accelerometer arrays to speak of: {error}") from None
+        raise ConfigurationError(f"{arguments.config}: no joint has accelerometer arrays: {error}") from None
     if arguments.json != "-":
         for joint in joints:
             _show(joint, rate, arguments.bias_mg)

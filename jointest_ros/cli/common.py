@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +21,8 @@ from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.params import Params, allowed_text
 
 # Names and paths are shown as they are, whatever rich would make of brackets and colons in them.
-out = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)  # results
+_PIPE_WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 160  # rich would fold tables at 80 there
+out = Console(width=_PIPE_WIDTH, soft_wrap=True, highlight=False, markup=False, emoji=False)  # results
 err = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)  # progress, warnings, errors
 
 Parsers = argparse._SubParsersAction  # what `add_parser` functions get
@@ -44,6 +47,13 @@ def progress(description: str) -> Iterator[Callable[[int, int], None]]:
 def warn(text: str) -> None:
     """One line of warning on standard error."""
     err.print(f"warning: {text}", style="yellow")
+
+
+def warn_uncalibrated(configuration: Configuration) -> None:
+    """Tell where the calibration file that a configuration names is not there: perhaps a typing mistake."""
+    file = configuration.calibration_file
+    if file is not None and not file.exists():
+        warn(f"{file}: no such calibration_file yet; what is in the configuration counts")
 
 
 def complain(command: str, text: object) -> None:

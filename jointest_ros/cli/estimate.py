@@ -26,10 +26,13 @@ from jointest_ros.cli.common import (
     progress,
     smoothers,
     warn,
+    warn_uncalibrated,
 )
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
-from jointest_ros.core.frame import Estimate, Series
+from jointest_ros.core.frame import Estimate, Series, Status
+
+_STARTING = int(Status.STARTING)
 
 
 def add_parser(commands: Parsers[Any]) -> None:
@@ -65,6 +68,7 @@ def add_parser(commands: Parsers[Any]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
     configuration = config.load(arguments.config)
+    warn_uncalibrated(configuration)
     estimators = load_estimators(configuration, arguments.estimator)
     if not any(estimator.joints for estimator in estimators.values()):
         raise ConfigurationError(f"{configuration.path}: robot.joints: none; there is no joint angle to estimate")
@@ -77,7 +81,15 @@ def run(arguments: argparse.Namespace) -> int:
     with BagReader(arguments.bag) as reader, progress(f"estimate {arguments.bag}") as report:
         offline.check_topics(reader, intake, arguments.namespace)
         make_sink = _csv_sink if arguments.output.suffix.lower() == ".csv" else _bag_sink
-        with make_sink(arguments, estimators) as sink:
+        with make_sink(arguments, estimators) as write:
+            estimated: dict[str, set[str]] = {name: set() for name in estimators}
+
+            def sink(name: str, estimates: list[Estimate]) -> None:
+                for estimate in estimates:
+                    flags = zip(estimators[name].joints, estimate.status, strict=True)
+                    estimated[name].update([joint for joint, flag in flags if not flag & _STARTING])
+                write(name, estimates)
+
             frames = offline.RecordingSink()
             how: dict[str, Any] = {"namespace": arguments.namespace, "progress": report}
             if smoothing:
@@ -89,6 +101,13 @@ def run(arguments: argparse.Namespace) -> int:
     for text in outcome.warnings:
         warn(text)
     out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}")
+    lacking = {name: [j for j in one.joints if j not in estimated[name]] for name, one in estimators.items()}
+    for name, joints in lacking.items():
+        if joints:
+            warn(f"{name}: no estimate of {', '.join(joints)} in the whole recording")
+    if not any(estimated.values()):
+        complain("estimate", f"{arguments.bag}: no joint could be estimated; the warnings above and status say why")
+        return 2
     if outcome.damage:
         complain("estimate", f"{outcome.damage}; what came before is in {arguments.output}")
         return 2

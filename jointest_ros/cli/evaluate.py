@@ -24,6 +24,7 @@ from jointest_ros.cli.common import (
     progress,
     smoothers,
     warn,
+    warn_uncalibrated,
     write_text,
 )
 from jointest_ros.cli.tables import consistency_line, error_tables, input_table
@@ -111,6 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise BagError(f"--skip: {arguments.skip} is not allowed; give 0 or more seconds")
     pictures = _pictures(arguments.plot, arguments.bags)
     configuration = config.load(arguments.config)
+    warn_uncalibrated(configuration)
     load_estimators(configuration, arguments.estimator)
     if arguments.peers:
         peers.check_installed()
@@ -192,6 +194,8 @@ def evaluate(
             reader, intake, estimators, sink, namespace=namespace, progress=report, consistency=True, **keep
         )
         duration = reader.duration_s
+    for text in outcome.warnings:
+        warn(text)
     if moving and not outcome.truth.movement:
         raise BagError(f"{bag}: --moving: no topic {offline.TRUTH_MOVEMENT} that says when it moves")
     truth = outcome.truth.while_moving() if moving else outcome.truth
@@ -225,8 +229,6 @@ def evaluate(
             found = peers.run(peer, configuration.robot, recording, params if isinstance(params, PcfParams) else None)
             tables[name], series[name], headings[name] = peers.judge(found, truth, skip_s, _continuous(configuration))
             joints[name] = found.joints
-    for text in outcome.warnings:
-        warn(text)
     document = {
         "schema": SCHEMA,
         "bag": str(bag),

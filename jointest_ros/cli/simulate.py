@@ -70,7 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
         write_text(configuration, robot_yaml(robot, rig.estimators, heading))
     out.print(f"{arguments.output}: {options.duration_s:g} s at {options.rate_hz:g} Hz, {total} messages")
     out.print(f"{configuration}: its robot")
-    out.print(f"next: jointest evaluate {arguments.output} --config {configuration}")
+    poses = str(getattr(options, "scenario", "")).startswith("poses")
+    out.print(
+        f"next: jointest {'calibrate accel' if poses else 'evaluate'} {arguments.output} --config {configuration}"
+    )
     return 0
 
 

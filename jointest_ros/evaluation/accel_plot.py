@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,9 @@ import numpy as np
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.accel_calibration import AccelFit, rms
-from jointest_ros.evaluation.plots import PlotError
+from jointest_ros.evaluation.picture import Draw, save_pairs
 
-_COLUMNS = 4
-_WIDTH, _HEIGHT = 4.2, 5.0  # inches, of one sensor
+_HEIGHT = 5.0  # inches, of one sensor
 
 
 @dataclass(frozen=True)
@@ -29,22 +28,12 @@ class FittedAccel:
 
 def draw(path: Path, title: str, sensors: Sequence[FittedAccel], gravity: float) -> None:
     """Write the picture; the suffix of `path` says which format. Raises PlotError when it cannot be written."""
-    from matplotlib.figure import Figure  # takes longer to load than many a command to run
 
-    columns = min(_COLUMNS, len(sensors))
-    rows = math.ceil(len(sensors) / columns)
-    figure = Figure(figsize=(_WIDTH * columns, _HEIGHT * rows), dpi=100, layout="constrained")
-    figure.suptitle(title)
-    grid = figure.add_gridspec(2 * rows, columns)
-    for number, shown in enumerate(sensors):
-        row, column = divmod(number, columns)
-        for below, (what, residual) in enumerate((("as configured", shown.fit.before), ("fitted", shown.fit.residual))):
-            axes = figure.add_subplot(grid[2 * row + below, column])
-            _draw(axes, f"{shown.name}, {what}", shown.poses, 1e3 * residual / gravity)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise PlotError(f"{path}: cannot be written: {error.strerror}") from None
+    def plot(shown: FittedAccel, what: str, residual: FloatArray) -> Draw:
+        return partial(_draw, title=f"{shown.name}, {what}", poses=shown.poses, residual=1e3 * residual / gravity)
+
+    pairs = [(plot(one, "as configured", one.fit.before), plot(one, "fitted", one.fit.residual)) for one in sensors]
+    save_pairs(path, title, pairs, _HEIGHT, ratios=(1, 1))
 
 
 def _draw(axes: Any, title: str, poses: Sequence[str], residual: FloatArray) -> None:

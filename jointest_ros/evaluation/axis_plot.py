@@ -4,36 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jointest_ros.evaluation.axis_fit import Axis, AxisFit
-from jointest_ros.evaluation.plots import PlotError
+from jointest_ros.evaluation.picture import save_pairs
 
-_COLUMNS = 4
 _BINS = 300  # of a residual over time; the rms of each is drawn
-_WIDTH, _HEIGHT = 4.2, 6.0  # inches, of one joint
+_HEIGHT = 6.0  # inches, of one joint
 
 
 def draw(path: Path, title: str, fits: Sequence[AxisFit]) -> None:
     """Write the picture; the suffix of `path` says which format. Raises PlotError when it cannot be written."""
-    from matplotlib.figure import Figure  # takes longer to load than many a command to run
-
-    columns = min(_COLUMNS, len(fits))
-    rows = math.ceil(len(fits) / columns)
-    figure = Figure(figsize=(_WIDTH * columns, _HEIGHT * rows), dpi=100, layout="constrained")
-    figure.suptitle(title)
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=(3, 2) * rows)
-    for number, fit in enumerate(fits):
-        row, column = divmod(number, columns)
-        _draw_axes(figure.add_subplot(grid[2 * row, column]), fit)
-        _draw_residual(figure.add_subplot(grid[2 * row + 1, column]), fit)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise PlotError(f"{path}: cannot be written: {error.strerror}") from None
+    save_pairs(path, title, [(partial(_draw_axes, fit=one), partial(_draw_residual, fit=one)) for one in fits], _HEIGHT)
 
 
 def _draw_axes(axes: Any, fit: AxisFit) -> None:

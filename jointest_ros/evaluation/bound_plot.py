@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.evaluation.plots import PlotError, check_suffix
+from jointest_ros.evaluation.picture import PlotError, save
+from jointest_ros.evaluation.plots import check_suffix
 
 _WIDTH, _HEIGHT = 9.0, 4.0  # inches, of one joint
 
@@ -53,7 +54,4 @@ def draw(path: Path, title: str, joints: Sequence[SpanCurves]) -> None:
         axes.set_xlabel("span of both arrays over the length of their link (array in the middle)")
         axes.grid(color="0.9")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", frameon=False)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise PlotError(f"{path}: cannot be written: {error.strerror}") from None
+    save(figure, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,10 @@ import numpy as np
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.evaluation.hall_calibration import HallFit
-from jointest_ros.evaluation.plots import PlotError
+from jointest_ros.evaluation.picture import save_pairs
 
-_COLUMNS = 4
 _POINTS = 3000  # of a panel; more readings are thinned
-_WIDTH, _HEIGHT = 4.2, 5.0  # inches, of one sensor
+_HEIGHT = 5.0  # inches, of one sensor
 
 
 @dataclass(frozen=True)
@@ -33,21 +33,9 @@ class FittedSensor:
 
 def draw(path: Path, title: str, sensors: Sequence[FittedSensor]) -> None:
     """Write the picture; the suffix of `path` says which format. Raises PlotError when it cannot be written."""
-    from matplotlib.figure import Figure  # takes longer to load than many a command to run
-
-    columns = min(_COLUMNS, len(sensors))
-    rows = math.ceil(len(sensors) / columns)
-    figure = Figure(figsize=(_WIDTH * columns, _HEIGHT * rows), dpi=100, layout="constrained")
-    figure.suptitle(title)
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=(3, 2) * rows)
-    for number, sensor in enumerate(sensors):
-        row, column = divmod(number, columns)
-        _draw_curve(figure.add_subplot(grid[2 * row, column]), sensor)
-        _draw_residual(figure.add_subplot(grid[2 * row + 1, column]), sensor)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise PlotError(f"{path}: cannot be written: {error.strerror}") from None
+    save_pairs(
+        path, title, [(partial(_draw_curve, shown=one), partial(_draw_residual, shown=one)) for one in sensors], _HEIGHT
+    )
 
 
 def _draw_curve(axes: Any, shown: FittedSensor) -> None:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointest_ros.core.errors import JointestError
 from jointest_ros.core.frame import FloatArray, Series
 from jointest_ros.evaluation.metrics import MatchedError, after, inclination_error, joint_error
+from jointest_ros.evaluation.picture import PlotError, save
 from jointest_ros.evaluation.truth import Truth
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -20,10 +20,6 @@ _STRETCHES = 1500  # a longer line is drawn by the lowest and highest value of s
 _GAP = 10  # intervals without a sample that interrupt a line
 _ROWS = 4  # panels in one column
 _WIDTH, _HEIGHT = 10.0, 3.2  # inches, of one panel
-
-
-class PlotError(JointestError):
-    """A picture cannot be drawn or written."""
 
 
 @dataclass(frozen=True)
@@ -134,10 +130,7 @@ def draw(path: Path, title: str, shown: list[Panel]) -> None:
         if row == rows - 1 or panel is shown[-1]:
             lower.set_xlabel("time, s")
     figure.align_ylabels()
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise PlotError(f"{path}: cannot be written: {error.strerror}") from None
+    save(figure, path)
 
 
 def _overall(names: list[str], shown: list[Panel]) -> str:

@@ -120,6 +120,9 @@ class EstimatorNode(Node):
         self._offer_services()
         topics = self._subscribe(params)
         self._diagnostics = Diagnostics(self, self.intake, topics, self.estimator)
+        file = configuration.calibration_file
+        if file is not None and not file.exists():
+            self.get_logger().warning(f"{file}: no such calibration_file yet; what is in the configuration counts")
         self.get_logger().info(f"{kind.name}: {', '.join(self.estimator.joints)} from {', '.join(self.intake.topics)}")
 
     def _subscribe(self, params: NodeParams) -> dict[str, str]:

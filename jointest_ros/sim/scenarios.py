@@ -52,7 +52,7 @@ SCENARIOS: dict[str, Rig] = {
             gripper.GripperOptions,
             gripper.simulate,
             gripper.stretches,
-            {"pcf": {"zero_at_start": True}},
+            {"pcf": {"zero_at_start": True, "lever_arms": True}},
         ),
         Rig(
             "exoshell",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accel_bounds import FILTER, SMOOTHER
 
 from jointest_ros.core.accel.joint.model import JointModel, ModelNoise
 from jointest_ros.core.accel.joint.trials import run_joint_model
@@ -15,24 +16,6 @@ from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import STANDARD_GRAVITY
 from jointest_ros.sim.slider_crank import PERIOD, SCENARIOS, CrankMotion, motion
 
-# w_a, w_b (deg/s), th (deg), section 3
-BOUNDS = {
-    ("T2", 0.3): (0.530, 0.829, 0.858),
-    ("T2", 0.2): (0.794, 1.243, 1.285),
-    ("T2", 0.1): (1.583, 2.477, 2.560),
-    ("B", 0.3): (0.615, 0.955, 0.394),
-    ("C", 0.3): (0.414, 0.675, 0.184),
-    ("D", 0.3): (0.914, 1.232, 0.933),
-    ("G", 0.3): (0.683, 0.667, 0.0863),
-    ("F", 0.3): (0.324, 0.373, 0.0397),
-    ("P", 0.3): (0.956, 0.483, 0.560),
-}
-SMOOTHER_BOUNDS = {
-    "T2": (0.353, 0.310, 0.329),
-    "B": (0.402, 0.375, 0.148),
-    "G": (0.396, 0.395, 0.0385),
-    "F": (0.215, 0.201, 0.0201),
-}
 TRIALS = 100
 BIAS = 20e-3 * STANDARD_GRAVITY  # m/s^2
 
@@ -57,24 +40,24 @@ def rmse_deg(error: FloatArray) -> FloatArray:
     return np.degrees(np.sqrt(np.mean(np.square(error), axis=(0, 1))))
 
 
-@pytest.mark.parametrize(("name", "length"), list(BOUNDS))
+@pytest.mark.parametrize(("name", "length"), list(FILTER))
 def test_best_filter_reaches_the_bound_and_knows_its_error(name: str, length: float) -> None:
     """Item 3."""
     true, sigma = motion(name, length), SCENARIOS[name].sigma
     number = 2 * TRIALS if name == "T2" else TRIALS  # it is slow: few independent errors in a trial
     trials = estimates(true, true.trials(sigma, range(number)), sigma)
     error = errors(trials, true)
-    assert (rmse_deg(error) / BOUNDS[name, length] <= 1.10).all()
+    assert (rmse_deg(error) / FILTER[name, length] <= 1.10).all()
     nees = np.mean(np.square(error) / trials.variance[:, 100:], axis=(0, 1))
     assert ((nees > 0.75) & (nees < 1.35)).all()
 
 
-@pytest.mark.parametrize("name", list(SMOOTHER_BOUNDS))
+@pytest.mark.parametrize("name", list(SMOOTHER))
 def test_smoother_reaches_its_bound(name: str) -> None:
     """Item 4."""
     true, sigma = motion(name), SCENARIOS[name].sigma
     trials = estimates(true, true.trials(sigma, range(TRIALS)), sigma, smoothed=True)
-    assert (rmse_deg(errors(trials, true)) / SMOOTHER_BOUNDS[name] <= 1.10).all()
+    assert (rmse_deg(errors(trials, true)) / SMOOTHER[name] <= 1.10).all()
 
 
 @pytest.mark.parametrize(("name", "allowed"), [("B", 0.8), ("G", 0.4)])

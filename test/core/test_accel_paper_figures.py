@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accel_bounds import FILTER
 from accel_printed import Printed
 
 from jointest_ros.core.accel.paper.linearise import Linearise, linearise_ekf, ukf
@@ -19,16 +20,6 @@ from jointest_ros.sim import slider_crank
 from jointest_ros.sim.slider_crank import SCENARIOS, CrankMotion, row
 
 TRIALS = 100
-BOUND = {
-    ("T2", 0.3): (0.530, 0.829, 0.858),
-    ("T2", 0.2): (0.794, 1.243, 1.285),
-    ("T2", 0.1): (1.583, 2.477, 2.560),
-    ("B", 0.3): (0.615, 0.955, 0.394),
-    ("C", 0.3): (0.414, 0.675, 0.184),
-    ("D", 0.3): (0.914, 1.232, 0.933),
-    ("G", 0.3): (0.683, 0.667, 0.0863),
-    ("F", 0.3): (0.324, 0.373, 0.0397),
-}
 
 
 def wrapped(angle: FloatArray) -> FloatArray:
@@ -63,7 +54,7 @@ class Scenario:
         start, p0 = near_truth(self.motion), 0.01 * np.eye(3)
         run = run_filter(self.readings, self.model.noise, slider_crank.PERIOD, start, p0, form, linearise)
         error = self.error(run.state)
-        return rms_deg(error) / BOUND[self.key], (error**2 / run.variance[:, 100:]).mean(axis=(0, 1))
+        return rms_deg(error) / FILTER[self.key], (error**2 / run.variance[:, 100:]).mean(axis=(0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +89,7 @@ def test_one_sign_mended_alone_is_noticed(table_2: dict[float, Scenario]) -> Non
     starts = np.tile(near_truth(one.motion), (TRIALS, 1))
     places, q = (one.motion.positions_a, one.motion.positions_b), one.sigma**2 * np.eye(8)
     half = Printed(*places, q, decorrelated=True, sign=-1.0).ekf(one.channels, starts, 0.01 * np.eye(3))[0]
-    assert rms_deg(one.error(half))[0] / BOUND[one.key][0] >= 1.8
+    assert rms_deg(one.error(half))[0] / FILTER[one.key][0] >= 1.8
 
 
 # ------------------------------------------------------------- production form

@@ -73,6 +73,14 @@ def test_only_fields_in_use_are_kept() -> None:
     assert (set(frame.gyro), set(frame.accel)) == ({"b", "c"}, {"a", "c"})
 
 
+def test_the_scale_of_a_gyro_is_applied_to_that_sensor() -> None:
+    assembler = FrameAssembler([Sensor("a", "a", gyro_scale=(1.5, 0.5, 2.0)), Sensor("b", "b")])
+    assembler.add_imu("a", 0, (1.0, 2.0, 3.0), (0.0, 0.0, 9.0))
+    (frame,) = assembler.add_imu("b", 0, (1.0, 2.0, 3.0), (0.0, 0.0, 9.0))
+    assert frame.gyro == {"a": (1.5, 1.0, 6.0), "b": (1.0, 2.0, 3.0)}
+    assert frame.accel["a"] == (0.0, 0.0, 9.0)
+
+
 def test_sensor_without_gyro_and_accelerometer_is_not_waited_for() -> None:
     assembler = FrameAssembler([Sensor("a", "l"), Sensor("compass", "l", gyro=False, accel=False, mag=True)])
     assert shape(add(assembler, "a", 1.0)) == [(1.0, "a")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accel_bounds import FILTER, SMOOTHER
 
 from jointest_ros.core.accel.array import lever
 from jointest_ros.core.frame import FloatArray
@@ -11,24 +12,6 @@ from jointest_ros.evaluation.accel_bound import array_information, bound, rms_de
 from jointest_ros.sim.slider_crank import PERIOD, SCENARIOS, CrankMotion, motion
 
 SETTLED = 100  # samples
-
-FILTER = {  # specification, section 3: w_a, w_b (deg/s), th (deg)
-    ("T2", 0.3): (0.530, 0.829, 0.858),
-    ("T2", 0.2): (0.794, 1.243, 1.285),
-    ("T2", 0.1): (1.583, 2.477, 2.560),
-    ("B", 0.3): (0.615, 0.955, 0.394),
-    ("C", 0.3): (0.414, 0.675, 0.184),
-    ("D", 0.3): (0.914, 1.232, 0.933),
-    ("G", 0.3): (0.683, 0.667, 0.0863),
-    ("F", 0.3): (0.324, 0.373, 0.0397),
-    ("P", 0.3): (0.956, 0.483, 0.560),
-}
-SMOOTHER = {  # section 4, item 4
-    "T2": (0.353, 0.310, 0.329),
-    "B": (0.402, 0.375, 0.148),
-    "G": (0.396, 0.395, 0.0385),
-    "F": (0.215, 0.201, 0.0201),
-}
 
 
 def information(truth: CrankMotion, sigma: float) -> FloatArray:

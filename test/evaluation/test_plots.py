@@ -12,7 +12,8 @@ import pytest
 
 from jointest_ros.core.frame import Series, Status
 from jointest_ros.evaluation import plots
-from jointest_ros.evaluation.plots import Curve, Panel, PlotError
+from jointest_ros.evaluation.picture import PlotError
+from jointest_ros.evaluation.plots import Curve, Panel
 from jointest_ros.evaluation.truth import Truth
 
 PERIOD = 10_000_000  # ns
