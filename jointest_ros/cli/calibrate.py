@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from jointest_ros.cli import calibrate_accel, calibrate_axis, calibrate_hall, calibrate_zero
+from jointest_ros.cli import calibrate_accel, calibrate_axis, calibrate_gyro, calibrate_hall, calibrate_zero
 from jointest_ros.cli.common import Parsers
 
 
@@ -21,3 +21,4 @@ def add_parser(commands: Parsers[Any]) -> None:
     calibrate_accel.add_parser(kinds)
     calibrate_axis.add_parser(kinds)
     calibrate_zero.add_parser(kinds)
+    calibrate_gyro.add_parser(kinds)

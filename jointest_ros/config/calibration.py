@@ -7,6 +7,8 @@ over the configuration. The file need not exist. Each `jointest calibrate` write
     - {joint: knee, mirrored: false, curve: {a_deg: .07, b: 2.87, c_deg: 2.22e5, d: 8.43}, noise_v: .02, offset_v: 0}
     accel:  # acceleration = matrix reading + offset, sensor frame, m/s^2
       imu_1: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], offset: [0, 0, 0]}
+    gyro:  # rate = scale times reading of each axis, sensor frame
+      imu_1: {scale: [1, 1, 1]}
     mountings:  # rotation sensor frame to link frame, x, y, z, w
       imu_1: {quaternion: [0, 0, 0, 1]}
 """
@@ -30,8 +32,9 @@ from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.robot import Robot, Sensor
 
-SECTIONS = ("hall", "accel", "mountings")
+SECTIONS = ("hall", "accel", "gyro", "mountings")
 
+_SCALES = (0.5, 2.0)  # of a gyro
 _IDENTITY = ("joint", "mirrored")
 _FITTED = ("curve", "noise_v", "offset_v")
 _AS_CONFIGURED = "as in the configuration, or remove the file and calibrate again"
@@ -77,6 +80,11 @@ def save_accel(path: Path, sensors: Collection[Sensor], heading: str) -> None:
     _save(path, "accel", entries, heading)
 
 
+def save_gyro(path: Path, sensors: Collection[Sensor], heading: str) -> None:
+    """Write the scales of these gyros into the section `gyro`, as `save_hall` does its own."""
+    _save(path, "gyro", {sensor.name: {"scale": list(sensor.gyro_scale)} for sensor in sensors}, heading)
+
+
 def save_mountings(path: Path, sensors: Collection[Sensor], heading: str) -> None:
     """Write the mountings of these sensors into the section `mountings`, as `save_hall` does its own."""
     _save(path, "mountings", {sensor.name: mounting_entry(sensor) for sensor in sensors}, heading)
@@ -116,6 +124,12 @@ def _calibrated(document: dict[str, Any], robot: Robot) -> Robot:
             raise read.refusal(f"{where}.matrix", matrix, "three rows of three numbers")
         x, y, z = (read.vector(row, f"{where}.matrix[{k}]", "of a row") for k, row in enumerate(matrix))
         sensors[name] = replace(sensors[name], accel_matrix=(x, y, z), accel_offset=offset)
+    for name, where, values in _by_sensor(document, "gyro", sensors):
+        given = _whole(values, where, ("scale",))["scale"]
+        scale = read.vector(given, f"{where}.scale", "of the axes")
+        if not all(_SCALES[0] <= one <= _SCALES[1] for one in scale):
+            raise read.refusal(f"{where}.scale", given, f"three numbers from {_SCALES[0]:g} to {_SCALES[1]:g}")
+        sensors[name] = replace(sensors[name], gyro_scale=scale)
     for name, where, values in _by_sensor(document, "mountings", sensors):
         sensors[name] = replace(sensors[name], mounting=read.mounting(_whole(values, where, ("quaternion",)), where))
     return replace(robot, sensors=tuple(sensors.values()))

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from jointest_ros.core.assembler_inputs import NEVER, HallQueue, Source
 from jointest_ros.core.frame import Frame, Vec3
 from jointest_ros.core.input_quality import InputQuality, saturation_limit
-from jointest_ros.core.robot import Sensor
+from jointest_ros.core.robot import UNCALIBRATED_SCALE, Sensor
 from jointest_ros.core.timing import Timing
 
 IMPLAUSIBLE_GYRO = 1e3  # rad/s, ten times the fastest MEMS gyro range
@@ -103,6 +103,7 @@ class FrameAssembler:
         # the sum of all axes is checked against it: a smaller one needs no closer look
         self._conspicuous = {s.name: min(IMPLAUSIBLE_ACCEL, saturation_limit(s)) for s in sensors}
         self._accel_calibrations = {s.name: (*s.accel_matrix, s.accel_offset) for s in sensors if s.accel_calibrated}
+        self._gyro_scales = {s.name: s.gyro_scale for s in sensors if s.gyro_scale != UNCALIBRATED_SCALE}
         self._expected = frozenset(self.sources)
         self._max_gap = round(self.timing.max_gap * 1e9)
         self._reset_jump = round(self.timing.reset_jump * 1e9)
@@ -249,7 +250,8 @@ class FrameAssembler:
             insort(self._pending, pending)
         uses_gyro, uses_accel, _ = self._in_use[sensor]
         if uses_gyro:
-            frame.gyro[sensor] = gyro
+            scale = self._gyro_scales.get(sensor)
+            frame.gyro[sensor] = gyro if scale is None else (scale[0] * gyro[0], scale[1] * gyro[1], scale[2] * gyro[2])
         if uses_accel:
             calibration = self._accel_calibrations.get(sensor)
             frame.accel[sensor] = accel if calibration is None else calibrated(accel, *calibration)

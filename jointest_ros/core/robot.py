@@ -19,6 +19,7 @@ from jointest_ros.core.rotation import IDENTITY, dot, norm
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 UNCALIBRATED_MATRIX = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+UNCALIBRATED_SCALE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ class Sensor:
         gyro_range, accel_range: full scale, rad/s and m/s^2; infinity where unknown.
         accel_matrix, accel_offset: calibration: acceleration = matrix reading + offset (m/s^2), in the sensor frame;
             the assembler applies it.
+        gyro_scale: calibration: rate = scale times reading of each axis, in the sensor frame; applied there too.
         delay: how long after the measurement the sensor's filter delivers it (group delay of the data sheet), s; the
             assembler subtracts it from the stamps, so that estimates are stamped by when they were true.
         topic, mag_topic: names of its Imu and MagneticField topics; imu/<name> and mag/<name> unless given.
@@ -106,6 +108,7 @@ class Sensor:
     accel_range: float = math.inf
     accel_matrix: tuple[Vec3, Vec3, Vec3] = UNCALIBRATED_MATRIX
     accel_offset: Vec3 = (0.0, 0.0, 0.0)
+    gyro_scale: Vec3 = UNCALIBRATED_SCALE
     delay: float = 0.0
     topic: str = ""
     mag_topic: str = ""

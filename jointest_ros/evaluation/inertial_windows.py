@@ -6,7 +6,7 @@ fifty times fewer at 1 kHz, and have the noise of the mean.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,13 @@ class WindowMeans:
         """The sensors that gave readings of gyro and accelerometer."""
         tables = self.gyro, self.accel
         return {sensor for sensor in self.gyro if all(np.isfinite(table[sensor]).any() for table in tables)}
+
+    def between(self, start: float, end: float) -> WindowMeans:
+        """The windows that begin from `start` to before `end`, s after the first frame; `still` and `first` stay."""
+        time = (self.start - self.first) * 1e-9
+        rows = (time >= start) & (time < end)
+        gyro, accel = ({s: table[rows] for s, table in tables.items()} for tables in (self.gyro, self.accel))
+        return replace(self, start=self.start[rows], gyro=gyro, accel=accel)
 
 
 @dataclass

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,9 @@ class HandOptions(SimulationOptions):
     )
     noise: bool = param(True, "white noise of all sensors")
     bias: bool = param(True, "gyro biases of up to 3 deg/s a component, and their random walk")
+    gyro_scale: float = param(
+        0.0, "error of the scale of each gyro axis, uniform in +- this share of it", low=0.0, high=0.5
+    )
     lever_arm: bool = param(True, "sensors at their places; false: all at the palm's reference point")
     accel_bias_mg: float = param(
         0.0, "norm of a constant accelerometer bias in a random direction for each IMU", unit="mg", low=0.0
@@ -60,11 +63,13 @@ class HandRecording(SimulatedRobot):
         orientation: sensor -> (T, 4) true rotation sensor to world, x, y, z, w.
         gyro_bias: sensor -> (T, 3) true bias, rad/s, sensor frame.
         accel_bias: sensor -> (3,) true bias, m/s^2, sensor frame.
+        gyro_scale: sensor -> (3,) reading over rate of each axis.
     """
 
     orientation: dict[str, FloatArray]
     gyro_bias: dict[str, FloatArray]
     accel_bias: dict[str, FloatArray]
+    gyro_scale: dict[str, FloatArray] = field(default_factory=dict)
 
 
 # the angle of every joint coordinate and the motion of every link at the given times (n,), s
@@ -96,6 +101,7 @@ def _instrument(options: HandOptions, robot: Robot) -> tuple[Robot, list[Imu]]:
         mag_noise=MAG_NOISE if options.noise else 0.0,
         gyro_bias=GYRO_BIAS if options.bias else 0.0,
         gyro_bias_walk=GYRO_BIAS_WALK if options.bias else 0.0,
+        gyro_scale=options.gyro_scale,
         accel_bias=1e-3 * options.accel_bias_mg * GRAVITY,
     )
     imus: list[Imu] = []
@@ -127,7 +133,7 @@ def _measure(
     intervals = np.diff(time)
     angles, links = motion(time)
     recording = Recording(stamps[1:], gyro={}, accel={}, period=np.full(len(intervals), 1.0 / options.rate_hz))
-    orientation, gyro_bias, accel_bias = {}, {}, {}
+    orientation, gyro_bias, accel_bias, gyro_scale = {}, {}, {}, {}
     for sensor, imu in zip(robot.sensors, imus, strict=True):
         link = links[sensor.link]
         at_stamps = link.orientation[1:]
@@ -136,7 +142,7 @@ def _measure(
         if options.mag:
             recording.mag[sensor.name] = imu.mag(at_stamps)
         orientation[sensor.name] = np.asarray((at_stamps * imu.mounting).as_quat())
-        accel_bias[sensor.name] = imu.accel_bias
+        accel_bias[sensor.name], gyro_scale[sensor.name] = imu.accel_bias, imu.gyro_scale
     return HandRecording(
         robot,
         recording,
@@ -146,4 +152,5 @@ def _measure(
         orientation,
         gyro_bias,
         accel_bias,
+        gyro_scale,
     )

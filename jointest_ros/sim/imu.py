@@ -26,6 +26,7 @@ class ImuNoise:
         gyro_noise, accel_noise, mag_noise: densities, rad/s/sqrt(Hz), m/s^2/sqrt(Hz), tesla/sqrt(Hz).
         gyro_bias: each component of the constant bias is uniform in +- this, rad/s.
         gyro_bias_walk: random walk on top of it, rad/s/sqrt(s).
+        gyro_scale: error of the scale of each axis, uniform in +- this, a fraction.
         accel_bias: norm of a constant bias in a random direction, m/s^2.
         accel_offset, accel_scale: another, each component uniform in +- this, m/s^2, and the error of the scale of each
             axis, uniform in +- this, a fraction: what calibration leaves.
@@ -38,6 +39,7 @@ class ImuNoise:
     mag_noise: float = 0.0
     gyro_bias: float = 0.0
     gyro_bias_walk: float = 0.0
+    gyro_scale: float = 0.0
     accel_bias: float = 0.0
     accel_offset: float = 0.0
     accel_scale: float = 0.0
@@ -75,16 +77,17 @@ class Imu:
     Attributes:
         mounting: rotation sensor frame to link frame.
         accel_bias: (3,) m/s^2, sensor frame.
-        accel_scale: (3,) reading over acceleration of each axis.
+        gyro_scale, accel_scale: (3,) reading over rate and over acceleration of each axis.
     """
 
     def __init__(self, noise: ImuNoise, mounting: Rotation, rate_hz: float, seed: np.random.SeedSequence) -> None:
         self.noise = noise
         self.mounting = mounting
         self._rate_hz = rate_hz
-        gyro_bias, accel_bias, *rest = (np.random.default_rng(child) for child in seed.spawn(7))
-        self._walk, self._gyro_noise, self._accel_noise, self._mag_noise, calibration = rest
+        gyro_bias, accel_bias, *rest = (np.random.default_rng(child) for child in seed.spawn(8))
+        self._walk, self._gyro_noise, self._accel_noise, self._mag_noise, calibration, gyro_scale = rest
         self._next_gyro_bias = noise.gyro_bias * gyro_bias.uniform(-1.0, 1.0, 3)
+        self.gyro_scale: FloatArray = 1.0 + noise.gyro_scale * gyro_scale.uniform(-1.0, 1.0, 3)
         offset, scale = calibration.uniform(-1.0, 1.0, (2, 3))
         self.accel_bias: FloatArray = noise.accel_bias * random_direction(accel_bias) + noise.accel_offset * offset
         self.accel_scale: FloatArray = 1.0 + noise.accel_scale * scale
@@ -102,7 +105,7 @@ class Imu:
         steps = self.noise.gyro_bias_walk / math.sqrt(self._rate_hz) * self._walk.standard_normal(truth.shape)
         walk = np.cumsum(np.vstack([self._next_gyro_bias, steps]), axis=0)
         bias, self._next_gyro_bias = walk[:-1], walk[-1]
-        noisy = truth + bias + self._white(self._gyro_noise, self.noise.gyro_noise, truth)
+        noisy = truth * self.gyro_scale + bias + self._white(self._gyro_noise, self.noise.gyro_noise, truth)
         return _read_out(noisy, self.noise.gyro_resolution, self.noise.gyro_range), bias
 
     def accel(self, orientation: Rotation, acceleration: FloatArray) -> FloatArray:

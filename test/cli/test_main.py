@@ -96,7 +96,11 @@ def test_ctrl_c_leaves_nothing_behind(jointest: Jointest, monkeypatch: pytest.Mo
             yield message
 
     monkeypatch.setattr(synthetic, "messages", messages)
-    result = jointest("simulate", "finger", "-o", tmp_path / "run", "--duration", 86400)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a worker of pytest-xdist ignores it
+    try:
+        result = jointest("simulate", "finger", "-o", tmp_path / "run", "--duration", 86400)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert result == (130, "", "jointest simulate: interrupted\n")
     assert list(tmp_path.iterdir()) == []
 

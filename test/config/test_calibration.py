@@ -81,10 +81,10 @@ def test_the_heading_is_a_comment_whatever_stands_in_it(robot: Path, calibrated:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("hall", GONE, "no section; give some of hall, accel, mountings, or remove the file"),
+        ("hall", GONE, "no section; give some of hall, accel, gyro, mountings, or remove the file"),
         ("hall", None, "hall: None is not allowed; give 2 entries as in the configuration, or remove the file"),
         ("hall", {}, "hall: {} is not allowed"),
-        ("elbow", 1, "elbow: unknown key; allowed: hall, accel, mountings"),
+        ("elbow", 1, "elbow: unknown key; allowed: hall, accel, gyro, mountings"),
         ("hall.1", GONE, "give 2 entries as in the configuration"),
         ("hall.0", None, "hall[0].joint: missing"),
         ("hall.0", "elbow", "hall[0]: 'elbow' is not allowed; give keys with values"),
@@ -167,12 +167,14 @@ def test_each_kind_of_calibration_leaves_the_others(robot: Path, calibrated: Pat
     turned = dataclasses.replace(lower, mounting=(0.6, 0.0, 0.0, 0.8))
     calibration.save_mountings(calibrated, [turned], "mounted by hand")
     calibration.save_accel(calibrated, [scaled], "weighed by hand")
+    scaled = dataclasses.replace(scaled, gyro_scale=(1.0, 0.98, 1.01))
+    calibration.save_gyro(calibrated, [scaled], "turned by hand")
     calibration.save_mountings(calibrated, [dataclasses.replace(upper, mounting=(0.0, 0.0, 0.0, -1.0))], "once more")
     loaded = config.load(robot).robot
     assert loaded.hall[0].noise == 0.0123
     assert loaded.sensors == (dataclasses.replace(scaled, mounting=(0.0, 0.0, 0.0, -1.0)), turned)
     comments = [line for line in calibrated.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-    assert comments == ["# by hand", "# weighed by hand", "# once more"]
+    assert comments == ["# by hand", "# weighed by hand", "# turned by hand", "# once more"]
 
 
 @pytest.mark.parametrize(
@@ -185,6 +187,9 @@ def test_each_kind_of_calibration_leaves_the_others(robot: Path, calibrated: Pat
         ("accel: {upper: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0]], offset: [0, 0, 0]}}", "accel.upper.matrix[2]"),
         ("accel: {upper: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0, .nan]], offset: [0, 0, 0]}}", "accel.upper.matrix[2]"),
         ("mountings: {lower: {quaternion: [0, 0, 0, 2]}}", "mountings.lower.quaternion"),
+        ("gyro: {upper: {}}", "gyro.upper.scale: missing"),
+        ("gyro: {upper: {scale: 1.0}}", "gyro.upper.scale"),
+        ("gyro: {upper: {scale: [1, 1, 0]}}", "[1, 1, 0] is not allowed; give three numbers from 0.5"),
         ("mountings: {lower: {}}", "mountings.lower.quaternion: missing"),
     ],
 )
