@@ -13,13 +13,18 @@ PROJECT = Path(__file__).resolve().parent.parent
 # of this process alone. Domains up to 101 have ports that no system takes for itself.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 101 + 1)
+# Small matrices gain nothing by threads, which would take the cores from the other test process.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What runs beside one another (pytest-xdist): files; but all that sends ROS messages is one lot."""
+    """What runs beside one another (pytest-xdist): files; but all that sends ROS messages is one lot, and the first."""
+    files = {item: item.path.relative_to(PROJECT / "test") for item in items}
+    ros = {item: file.parts[0] in ("nodes", "launch") for item, file in files.items()}
+    items.sort(key=lambda item: not ros[item])
     for item in items:
-        file = item.path.relative_to(PROJECT / "test")
-        item.add_marker(pytest.mark.xdist_group("ros" if file.parts[0] in ("nodes", "launch") else str(file)))
+        item.add_marker(pytest.mark.xdist_group("ros" if ros[item] else str(files[item])))
 
 
 @pytest.fixture(scope="session")

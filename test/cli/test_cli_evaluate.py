@@ -206,8 +206,11 @@ def test_a_ground_truth_of_something_else(jointest: Jointest, finger: Path, fing
         return [(topic, time, b"" if "truth" in topic else data)]
 
     bag = copied(finger, tmp_path / "spoilt", spoil)
-    text = jointest("evaluate", bag, "-c", finger_yaml).refusal()
-    assert text == f"{bag}: no estimate matches the ground truth (of nothing that can be read) after 0 s"
+    result = jointest("evaluate", bag, "-c", finger_yaml)
+    assert (result.code, result.out) == (2, "")
+    reason, error = result.err.splitlines()
+    assert reason.startswith(f"warning: {bag}: 500 ground truth")
+    assert error.endswith(f"{bag}: no estimate matches the ground truth (of nothing that can be read) after 0 s")
 
 
 def test_skipping_everything(jointest: Jointest, finger: Path, finger_yaml: Path) -> None:
