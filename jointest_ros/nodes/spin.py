@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import faulthandler
 import os
 import re
 import signal
@@ -143,6 +144,8 @@ def _run(node: Node, until: Callable[[], bool]) -> None:
         executor.add_node(node)
         spin(executor, until=lambda: until() or bool(getattr(node, "finished", False)))
     finally:
+        if until():  # a thread of C ends the process where the destruction below hangs with Python's lock in its hands
+            faulthandler.dump_traceback_later(_PATIENCE, exit=True, file=open(os.devnull, "w"))  # noqa: SIM115
         executor.remove_node(node)
         node.destroy_node()
 
