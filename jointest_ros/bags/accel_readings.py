@@ -52,15 +52,7 @@ def read_accel(
         ),
     )
     sink = offline.RecordingSink()
-    outcome = offline.run(
-        reader,
-        Intake(raw, timing),
-        {},
-        lambda name, estimates: None,
-        namespace=namespace,
-        progress=progress,
-        frame_sink=sink,
-    )
+    outcome = offline.read_frames(reader, Intake(raw, timing), sink, namespace, progress)
     recording = sink.recording()
     if not recording.accel:
         raise BagError(f"{reader.path}: no accelerometer message could be used")

@@ -69,15 +69,7 @@ def read_hall(
                 stamps.append(frame.stamp)
                 volts.extend(frame.hall)
 
-    outcome = offline.run(
-        reader,
-        Intake(robot, timing),
-        {},
-        lambda name, estimates: None,
-        namespace=namespace,
-        progress=progress,
-        frame_sink=collect,
-    )
+    outcome = offline.read_frames(reader, Intake(robot, timing), collect, namespace, progress)
     counts = outcome.inputs[topic]
     used = f"{reader.path}: {topic}: {counts['used']} of {counts['messages']} messages used"
     used += "".join(f", {n} {cause}" for cause, n in counts["refused"].items())

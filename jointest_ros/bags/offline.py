@@ -116,6 +116,19 @@ def check_topics(reader: BagReader, intake: Intake, namespace: str = "") -> tupl
     return found, warnings
 
 
+def read_frames(
+    reader: BagReader,
+    intake: Intake,
+    frame_sink: FrameSink,
+    namespace: str = "",
+    progress: Progress = lambda done, total: None,
+) -> Outcome:
+    """The frames of a whole recording without estimates, as `run` reads them."""
+    return run(
+        reader, intake, {}, lambda name, estimates: None, namespace=namespace, progress=progress, frame_sink=frame_sink
+    )
+
+
 def run(
     reader: BagReader,
     intake: Intake,

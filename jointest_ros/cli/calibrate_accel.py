@@ -14,8 +14,8 @@ from jointest_ros import config
 from jointest_ros.bags.accel_readings import AccelReadings, read_accel
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.cli import calibrate_accel_report as report_of
-from jointest_ros.cli.calibrate_common import add_options, picture_file, recorded, say_how_to_use, target_file
-from jointest_ros.cli.common import Parsers, complain, out, progress, warn
+from jointest_ros.cli.calibrate_common import add_options, command, finish, picture_file, recorded, target_file
+from jointest_ros.cli.common import Parsers, out, progress, warn
 from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import FloatArray, Vec3
@@ -114,11 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     number = sum(sensor.accel for sensor in configuration.robot.sensors)
     out.print(f"{target}: {len(fitted)} of {number} accelerometers fitted")
     out.print(f"{picture}: what each pose leaves, before and after")
-    say_how_to_use(arguments, configuration, target)
-    if readings.damage:
-        complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
-        return 2
-    return 0
+    return finish(arguments, configuration, target, readings.damage)
 
 
 def _check(arguments: argparse.Namespace, configuration: Configuration) -> None:
@@ -150,9 +146,8 @@ def _given(texts: Sequence[str], robot: Robot) -> Directions:
 
 
 def _command(arguments: argparse.Namespace) -> str:
-    text = f"jointest calibrate accel {arguments.bag.name} --config {arguments.config.name}"
-    text += "".join(f" --poses={poses}" for poses in arguments.poses)
-    return text + (" --method norm" if arguments.method == "norm" else "")
+    options = [f"--poses={poses}" for poses in arguments.poses]
+    return command(arguments, "accel", *options, *(["--method norm"] if arguments.method == "norm" else []))
 
 
 def _fit(

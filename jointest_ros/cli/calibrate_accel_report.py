@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rich.table import Table
 
+from jointest_ros.cli.calibrate_common import columns
 from jointest_ros.evaluation.accel_calibration import AccelFit, rms
 from jointest_ros.evaluation.accel_plot import FittedAccel
 
@@ -67,11 +68,8 @@ def heading(command: str, when: str, fitted: Sequence[FittedAccel], gravity: flo
 
 def quality_table(fitted: Sequence[FittedAccel], gravity: float) -> Table:
     """How well the poses tell, and what they leave."""
-    table = Table(title="calibrated accelerometers", title_justify="left")
-    table.add_column("sensor", no_wrap=True)
-    table.add_column("model", no_wrap=True)
-    for title in ("poses\n", "rank\n", "condition\n", "before\nmg", "after\nmg", "worst pose\nmg"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("poses\n", "rank\n", "condition\n", "before\nmg", "after\nmg", "worst pose\nmg")
+    table = columns("calibrated accelerometers", ["sensor", "model"], headings)
     for one in fitted:
         fit = one.fit
         lengths = np.linalg.norm(fit.residual, axis=1)
@@ -91,11 +89,8 @@ def quality_table(fitted: Sequence[FittedAccel], gravity: float) -> Table:
 
 def parameter_table(fitted: Sequence[FittedAccel], gravity: float) -> Table:
     """Matrix and offset by rows, with the largest standard deviation of each row."""
-    table = Table(title="acceleration = matrix reading + offset", title_justify="left")
-    table.add_column("sensor", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for title in ("matrix\nx", "\ny", "\nz", "\n±", "offset\nmg", "\n±"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("matrix\nx", "\ny", "\nz", "\n±", "offset\nmg", "\n±")
+    table = columns("acceleration = matrix reading + offset", ["sensor", ""], headings)
     for one in fitted:
         fit = one.fit
         for row, axis in enumerate("xyz"):

@@ -10,9 +10,9 @@ from typing import Any
 from rich.table import Table
 
 from jointest_ros import config
-from jointest_ros.cli.calibrate_common import add_options, picture_file, say_how_to_use, target_file
-from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, columns, command, read_pairs, save
-from jointest_ros.cli.common import Parsers, complain, out, progress, warn
+from jointest_ros.cli.calibrate_common import add_options, columns, command, finish, picture_file, target_file
+from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, joints_given, read_pairs, save
+from jointest_ros.cli.common import Parsers, out, progress, warn
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.evaluation import axis_plot
@@ -88,11 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     out.print(table)
     out.print(f"{target}: mountings of {', '.join(sensor.name for sensor in sensors)}")
     out.print(f"{picture}: axes and residuals")
-    say_how_to_use(arguments, configuration, target)
-    if readings.damage:
-        complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
-        return 2
-    return 0
+    return finish(arguments, configuration, target, readings.damage)
 
 
 def _kept(arguments: argparse.Namespace, pairs: Sequence[Pair]) -> frozenset[str]:
@@ -178,8 +174,9 @@ def _std(axis: Axis) -> str:
 
 def _heading(arguments: argparse.Namespace, when: str, fits: Sequence[AxisFit]) -> str:
     """The comment of the section: what it is, from where, and how well it fits."""
+    options = [*joints_given(arguments), *(f"--keep {name}" for name in arguments.keep)]
     lines = [
-        f"Axes by: {command(arguments, 'axis', *(f'--keep {name}' for name in arguments.keep))}",
+        f"Axes by: {command(arguments, 'axis', *options)}",
         f"Recording: {when}.",
         "Axis in each sensor, standard deviation; rms of the rates that are left over:",
     ]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
+from rich.table import Table
+
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.cli.common import OutputError, out
+from jointest_ros.cli.common import OutputError, complain, out
 from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.evaluation import plots
@@ -55,8 +58,27 @@ def recorded(bag: Path, reader: BagReader) -> str:
     return f"{bag.resolve().name}, recorded {start:%Y-%m-%d %H:%M:%S} UTC by its stamps"
 
 
-def say_how_to_use(arguments: argparse.Namespace, configuration: Configuration, target: Path) -> None:
-    """What to write into the configuration, unless it names the file already."""
+def command(arguments: argparse.Namespace, kind: str, *options: str) -> str:
+    """The call, for a heading."""
+    return " ".join([f"jointest calibrate {kind} {arguments.bag.name} --config {arguments.config.name}", *options])
+
+
+def columns(title: str, first: Sequence[str], numbers: Sequence[str]) -> Table:
+    """An empty table with columns of names and columns of numbers."""
+    table = Table(title=title, title_justify="left")
+    for heading in first:
+        table.add_column(heading, no_wrap=True)
+    for heading in numbers:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def finish(arguments: argparse.Namespace, configuration: Configuration, target: Path, damage: str) -> int:
+    """Say how the file is used and what was not read of the recording; the exit code."""
     if configuration.calibration_file is None or target.resolve() != configuration.calibration_file.resolve():
         name = os.path.relpath(target.resolve(), arguments.config.resolve().parent)
         out.print(f"to use it, write into {arguments.config}: calibration_file: {name}")
+    if damage:
+        complain("calibrate", f"{damage}; the calibration rests on what came before")
+        return 2
+    return 0

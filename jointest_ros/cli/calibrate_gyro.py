@@ -11,9 +11,9 @@ from typing import Any
 from rich.table import Table
 
 from jointest_ros import config
-from jointest_ros.cli.calibrate_common import add_options, say_how_to_use, target_file
-from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, columns, command, read_pairs
-from jointest_ros.cli.common import Parsers, complain, out, progress, warn
+from jointest_ros.cli.calibrate_common import add_options, columns, command, finish, target_file
+from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, joints_given, read_pairs
+from jointest_ros.cli.common import Parsers, out, progress, warn
 from jointest_ros.config import calibration
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.robot import UNCALIBRATED_SCALE
@@ -78,11 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     for table in _tables(scales, hinges):
         out.print(table)
     out.print(f"{target}: gyro scales of {', '.join(sensor.name for sensor in sensors)}")
-    say_how_to_use(arguments, configuration, target)
-    if readings.damage:
-        complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
-        return 2
-    return 0
+    return finish(arguments, configuration, target, readings.damage)
 
 
 def _fit(arguments: argparse.Namespace, means: WindowMeans, pairs: Sequence[Pair]) -> list[HingeInformation]:
@@ -131,7 +127,7 @@ def _figures(one: Scale) -> tuple[str, str]:
 
 def _heading(arguments: argparse.Namespace, when: str, scales: Sequence[Scale]) -> str:
     """The comment of the section: what it is, from where, and how well it is known."""
-    options = [f"--skip {arguments.skip:g}"] if arguments.skip else []
+    options = joints_given(arguments) + ([f"--skip {arguments.skip:g}"] if arguments.skip else [])
     options += [f"--duration {arguments.duration:g}"] if math.isfinite(arguments.duration) else []
     lines = [
         f"Gyro scales by: {command(arguments, 'gyro', *options)}",

@@ -15,8 +15,16 @@ from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.hall_readings import HallReadings, read_hall
 from jointest_ros.bags.offline import TRUTH_JOINTS
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.cli.calibrate_common import add_options, picture_file, recorded, say_how_to_use, target_file
-from jointest_ros.cli.common import Parsers, complain, out, progress, warn
+from jointest_ros.cli.calibrate_common import (
+    add_options,
+    columns,
+    command,
+    finish,
+    picture_file,
+    recorded,
+    target_file,
+)
+from jointest_ros.cli.common import Parsers, out, progress, warn
 from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
@@ -72,11 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         out.print(f"as they were, without reference or reading: {', '.join(kept)}")
     out.print(f"{target}: {len(fitted)} of {len(sensors)} Hall sensors fitted")
     out.print(f"{picture}: readings, curves and residuals")
-    say_how_to_use(arguments, configuration, target)
-    if readings.damage:
-        complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
-        return 2
-    return 0
+    return finish(arguments, configuration, target, readings.damage)
 
 
 def _fit(bag: Path, configuration: Configuration, readings: HallReadings, curve: str) -> dict[int, FittedSensor]:
@@ -125,9 +129,9 @@ def _names(sensors: Sequence[HallSensor]) -> list[str]:
 
 def _heading(arguments: argparse.Namespace, when: str, names: list[str], fitted: dict[int, FittedSensor]) -> str:
     """The comment of the file: what it is, from where, and how well it fits."""
+    options = [f"--curve {arguments.curve}"] if arguments.curve != CURVES[0] else []
     lines = [
-        f"Hall sensors by: jointest calibrate hall {arguments.bag.name} --config {arguments.config.name}"
-        + (f" --curve {arguments.curve}" if arguments.curve != CURVES[0] else ""),
+        f"Hall sensors by: {command(arguments, 'hall', *options)}",
         f"Recording: {when}; reference {TRUTH_JOINTS}.",
         "In the order of the configuration. An offset of a voltage is part of its curve. Residuals, rms:",
     ]
@@ -143,10 +147,8 @@ def _heading(arguments: argparse.Namespace, when: str, names: list[str], fitted:
 
 
 def _table(fitted: dict[int, FittedSensor]) -> Table:
-    table = Table(title="fitted Hall sensors", title_justify="left")
-    table.add_column("sensor", no_wrap=True)
-    for heading in ("used\n", "covers\ndeg", "rms\nmV", "rms\ndeg", "curve\n± deg", "lag\nms", "play\ndeg"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ("used\n", "covers\ndeg", "rms\nmV", "rms\ndeg", "curve\n± deg", "lag\nms", "play\ndeg")
+    table = columns("fitted Hall sensors", ["sensor"], headings)
     for one in fitted.values():
         fit = one.fit
         low, high = np.degrees(fit.covered)

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rich.table import Table
-
 from jointest_ros.bags.inertial_readings import InertialReadings, read_inertial
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.cli.calibrate_common import recorded
@@ -83,17 +81,6 @@ def save(target: Path, sensors: Sequence[Sensor], mountings: dict[str, Quat], he
     calibration.save_mountings(target, [replace(s, mounting=mountings[s.name]) for s in sensors], heading)
 
 
-def command(arguments: argparse.Namespace, kind: str, *options: str) -> str:
-    """The call, for a heading."""
-    words = [f"jointest calibrate {kind} {arguments.bag.name} --config {arguments.config.name}"]
-    return " ".join([*words, *(f"--joint {name}" for name in arguments.joint), *options])
-
-
-def columns(title: str, first: Sequence[str], numbers: Sequence[str]) -> Table:
-    """An empty table with columns of names and columns of numbers."""
-    table = Table(title=title, title_justify="left")
-    for heading in first:
-        table.add_column(heading, no_wrap=True)
-    for heading in numbers:
-        table.add_column(heading, justify="right", no_wrap=True)
-    return table
+def joints_given(arguments: argparse.Namespace) -> list[str]:
+    """The options of `add_joints` as they were given, for a heading."""
+    return [f"--joint {name}" for name in arguments.joint]

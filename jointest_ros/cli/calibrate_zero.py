@@ -9,9 +9,9 @@ from dataclasses import replace
 from typing import Any
 
 from jointest_ros import config
-from jointest_ros.cli.calibrate_common import add_options, say_how_to_use, target_file
-from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, columns, command, read_pairs, save
-from jointest_ros.cli.common import Parsers, complain, out, warn
+from jointest_ros.cli.calibrate_common import add_options, columns, command, finish, target_file
+from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, joints_given, read_pairs, save
+from jointest_ros.cli.common import Parsers, out, warn
 from jointest_ros.config import calibration
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import Quat
@@ -84,11 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     turns = [f"{s.name} {math.degrees(turned(s, mountings[s.name])):.2f} deg" for s in sensors]
     out.print(f"turned: {', '.join(turns)}")
     out.print(f"{target}: mountings of {', '.join(sensor.name for sensor in sensors)}")
-    say_how_to_use(arguments, configuration, target)
-    if readings.damage:
-        complain("calibrate", f"{readings.damage}; the calibration rests on what came before")
-        return 2
-    return 0
+    return finish(arguments, configuration, target, readings.damage)
 
 
 _UPRIGHT = "its axis is within 10 deg of vertical in this pose, where its angle does not show; tilt the robot"
@@ -133,7 +129,7 @@ def _heading(arguments: argparse.Namespace, when: str, before: dict[str, float |
     """The comment of the section, with what it says of the axes."""
     at = () if arguments.at is None else (f"--at {arguments.at:g}",)
     lines = [
-        f"Zero pose by: {command(arguments, 'zero', *at)}",
+        f"Zero pose by: {command(arguments, 'zero', *joints_given(arguments), *at)}",
         f"Recording: {when}.",
         f"Before, the joints read there, deg: {', '.join(f'{name} {_degrees(a)}' for name, a in before.items())}",
     ]

@@ -82,18 +82,18 @@ def run(arguments: argparse.Namespace) -> int:
         offline.check_topics(reader, intake, arguments.namespace)
         make_sink = _csv_sink if arguments.output.suffix.lower() == ".csv" else _bag_sink
         with make_sink(arguments, estimators) as write:
-            estimated: dict[str, set[str]] = {name: set() for name in estimators}
+            lacking = {name: list(estimator.joints) for name, estimator in estimators.items()}
 
             def sink(name: str, estimates: list[Estimate]) -> None:
-                for estimate in estimates:
-                    flags = zip(estimators[name].joints, estimate.status, strict=True)
-                    estimated[name].update([joint for joint, flag in flags if not flag & _STARTING])
+                for estimate in estimates if lacking[name] else ():
+                    flags = dict(zip(estimators[name].joints, estimate.status, strict=True))
+                    lacking[name] = [joint for joint in lacking[name] if flags[joint] & _STARTING]
                 write(name, estimates)
 
             frames = offline.RecordingSink()
             how: dict[str, Any] = {"namespace": arguments.namespace, "progress": report}
             if smoothing:
-                outcome = offline.run(reader, intake, {}, sink, frame_sink=frames, **how)
+                outcome = offline.read_frames(reader, intake, frames, **how)
                 for name, estimator in smoothing.items():
                     sink(name, _estimates(estimator.smooth(frames.recording())))
             else:
@@ -101,11 +101,10 @@ def run(arguments: argparse.Namespace) -> int:
     for text in outcome.warnings:
         warn(text)
     out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}")
-    lacking = {name: [j for j in one.joints if j not in estimated[name]] for name, one in estimators.items()}
     for name, joints in lacking.items():
         if joints:
             warn(f"{name}: no estimate of {', '.join(joints)} in the whole recording")
-    if not any(estimated.values()):
+    if all(len(lacking[name]) == len(one.joints) for name, one in estimators.items()):
         complain("estimate", f"{arguments.bag}: no joint could be estimated; the warnings above and status say why")
         return 2
     if outcome.damage:

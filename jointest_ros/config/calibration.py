@@ -46,7 +46,7 @@ def load(path: Path, robot: Robot) -> Robot:
     Raises:
         ConfigurationError: the file cannot be read, is damaged or belongs to other sensors: file, key, what is allowed.
     """
-    text = _text(path)
+    text = read.read_file(path, "calibration")
     if text is None:
         return robot
     try:
@@ -92,23 +92,12 @@ def save_mountings(path: Path, sensors: Collection[Sensor], heading: str) -> Non
 
 def heading(path: Path, section: str) -> str:
     """The comment before a section of a calibration file; empty where there is none. Raises ConfigurationError."""
-    lines = _split(_text(path) or "").get(section, "").splitlines()
+    lines = _split(read.read_file(path, "calibration") or "").get(section, "").splitlines()
     comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
     return "\n".join(line[1:].removeprefix(" ") for line in comment)
 
 
 # ---------------------------------------------------------------- reading
-
-
-def _text(path: Path) -> str | None:
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read as a calibration: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
 
 
 def _calibrated(document: dict[str, Any], robot: Robot) -> Robot:
@@ -185,7 +174,7 @@ def _whole(value: Any, where: str, keys: tuple[str, ...]) -> dict[str, Any]:
 
 def _save(path: Path, key: str, values: Any, heading: str) -> None:
     """Replace one section with its comment; sensors of it that are not in `values` stay, without their comment."""
-    sections = _split(_text(path) or "")
+    sections = _split(read.read_file(path, "calibration") or "")
     if key in sections and isinstance(values, dict):
         values = {**read.section(read.read_yaml(sections[key]), "", SECTIONS).get(key, {}), **values}
     comment = "".join(f"# {line}".rstrip() + "\n" for line in heading.splitlines())

@@ -62,14 +62,9 @@ def load(path: str | Path) -> Configuration:
             key, value and what is allowed.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConfigurationError(f"{path}: no such configuration file") from None
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read as a configuration: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
+    text = read.read_file(path, "configuration")
+    if text is None:
+        raise ConfigurationError(f"{path}: no such configuration file")
     try:
         return parse(text, path)
     except ConfigurationError as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import reprlib
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -25,6 +26,18 @@ _LARGEST_INTEGER = 2**63
 
 _shown = reprlib.Repr()  # a value in an error: part of a line, however much was given
 _shown.maxlevel, _shown.maxstring, _shown.maxother = 2, 60, 60
+
+
+def read_file(path: Path, what: str) -> str | None:
+    """The text of a file that is to be read as `what`; None where there is no file."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read as a {what}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
 
 
 def read_yaml(text: str) -> Any:

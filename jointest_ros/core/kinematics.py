@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.robot import Robot
-from jointest_ros.core.rotation import IDENTITY, exp, multiply, rotate
+from jointest_ros.core.rotation import IDENTITY, about, multiply, rotate
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Pose:
 
     def turned(self, axis: Vec3, angle: float) -> Pose:
         """The same origin, turned about the link's unit `axis` by `angle`, rad."""
-        turn = exp((axis[0] * angle, axis[1] * angle, axis[2] * angle))
+        turn = about(axis, angle)
         return Pose(self.position, multiply(self.orientation, turn))
 
 

@@ -87,6 +87,11 @@ def exp(v: Vec3) -> Quat:
     return (v[0] * s, v[1] * s, v[2] * s, w)
 
 
+def about(axis: Vec3, angle: float) -> Quat:
+    """The rotation by `angle` (rad) about a unit vector."""
+    return exp((axis[0] * angle, axis[1] * angle, axis[2] * angle))
+
+
 def log(q: Quat) -> Vec3:
     """The rotation vector of `q`, rad, of length at most pi."""
     x, y, z, w = q if q[3] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])

@@ -70,11 +70,14 @@ def ended_by_signals() -> Iterator[list[int]]:
     About once in twenty runs under load, `spin_once` or the destruction of an EventsExecutor of rclpy 7.1 hangs then.
     """
     ended = threading.Event()
+    devnull = open(os.devnull, "w")  # noqa: SIM115 - until the process ends
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
 
     def insist() -> None:
         os.read(reader, 1)  # a byte comes with a signal, also while the main thread is busy
+        # a thread of C does it where rclpy hangs with Python's lock in its hands
+        faulthandler.dump_traceback_later(_PATIENCE + 1.0, exit=True, file=devnull)
         if not ended.wait(_PATIENCE):
             os._exit(0)
 
@@ -144,8 +147,6 @@ def _run(node: Node, until: Callable[[], bool]) -> None:
         executor.add_node(node)
         spin(executor, until=lambda: until() or bool(getattr(node, "finished", False)))
     finally:
-        if until():  # a thread of C ends the process where the destruction below hangs with Python's lock in its hands
-            faulthandler.dump_traceback_later(_PATIENCE, exit=True, file=open(os.devnull, "w"))  # noqa: SIM115
         executor.remove_node(node)
         node.destroy_node()
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.rotation import (
     IDENTITY,
+    about,
     between,
     conjugate,
     cross,
@@ -169,7 +170,7 @@ def joint_angles(axes: tuple[Vec3, ...], turned: Quat) -> tuple[float, ...]:
     first, second = axes[0], axes[1]
     if len(axes) == 2:
         one = _angle_about(first, second, rotate(turned, second))
-        return one, dot(log(multiply(_about(first, -one), turned)), second)
+        return one, dot(log(multiply(about(first, -one), turned)), second)
     third = axes[2]
     image = rotate(turned, third)
     handed = dot(first, cross(second, third))
@@ -177,8 +178,8 @@ def joint_angles(axes: tuple[Vec3, ...], turned: Quat) -> tuple[float, ...]:
         two = math.asin(max(-1.0, min(1.0, dot(first, image) / handed)))
     else:
         two = math.acos(max(-1.0, min(1.0, dot(first, image) * dot(first, third))))
-    one = _angle_about(first, rotate(_about(second, two), third), image)
-    rest = multiply(conjugate(multiply(_about(first, one), _about(second, two))), turned)
+    one = _angle_about(first, rotate(about(second, two), third), image)
+    rest = multiply(conjugate(multiply(about(first, one), about(second, two))), turned)
     return one, two, dot(log(rest), third)
 
 
@@ -187,14 +188,14 @@ def joint_rates(axes: tuple[Vec3, ...], angles: tuple[float, ...], rate: Vec3) -
     last = axes[-1]
     if len(axes) == 1:
         return (dot(last, rate),)
-    one_before = rotate_inverse(_about(last, angles[-1]), axes[-2])
+    one_before = rotate_inverse(about(last, angles[-1]), axes[-2])
     if len(axes) == 2:
         # least squares over the two directions
         c = dot(one_before, last)
         p, q = dot(rate, one_before), dot(rate, last)
         det = 1.0 - c * c
         return ((p - c * q) / det, (q - c * p) / det) if det > 1e-6 else (0.0, q)
-    first = rotate_inverse(multiply(_about(axes[1], angles[1]), _about(last, angles[2])), axes[0])
+    first = rotate_inverse(multiply(about(axes[1], angles[1]), about(last, angles[2])), axes[0])
     det = dot(first, cross(one_before, last))
     if abs(det) < 1e-3:  # gimbal lock: the split between first and third is arbitrary
         return 0.0, dot(rate, one_before), dot(rate, last)
@@ -212,7 +213,7 @@ def zero_rotation(axes: tuple[Vec3, ...], parent_accel: Vec3, child_accel: Vec3)
     More axes: the smallest rotation; what is about gravity cannot be seen.
     """
     if len(axes) == 1:
-        return _about(axes[0], _angle_about(axes[0], child_accel, parent_accel))
+        return about(axes[0], _angle_about(axes[0], child_accel, parent_accel))
     return between(child_accel, parent_accel)
 
 
@@ -230,10 +231,6 @@ def _turn_about(axis: Vec3, turned: Quat) -> float:
     s = math.sqrt(x * x + y * y + z * z)
     k = 2.0 / w * (1.0 - s * s / (3.0 * w * w)) if s < 1e-6 else 2.0 * math.atan2(s, w) / s
     return k * (axis[0] * x + axis[1] * y + axis[2] * z)
-
-
-def _about(axis: Vec3, angle: float) -> Quat:
-    return exp((axis[0] * angle, axis[1] * angle, axis[2] * angle))
 
 
 def _angle_about(axis: Vec3, a: Vec3, b: Vec3) -> float:

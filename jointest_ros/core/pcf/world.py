@@ -22,7 +22,7 @@ from jointest_ros.core.pcf.attitude import STILL, Gains, joint_angles
 from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
 from jointest_ros.core.pcf.pair import AbsolutePair, JointOutput
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
-from jointest_ros.core.rotation import exp, multiply, rotate_inverse
+from jointest_ros.core.rotation import about, multiply, rotate_inverse
 
 UPWARD: Vec3 = (0.0, 0.0, STANDARD_GRAVITY)
 _UNOBSERVABLE = int(Status.UNOBSERVABLE)
@@ -90,7 +90,7 @@ class WorldPair(AbsolutePair):
         if len(self.axes) == 1 or abs(first[2]) < _VERTICAL:
             return guess
         angle = -joint_angles(self.axes, multiply(self._from_zero, guess))[0]
-        return multiply(exp((first[0] * angle, first[1] * angle, first[2] * angle)), guess)
+        return multiply(about(first, angle), guess)
 
     def _output(self, stamp: int, r12: Quat, rate: Vec3, a2: Vec3, elapsed: float) -> JointOutput:
         up = rotate_inverse(r12, UPWARD) if any(a2) else a2  # without the noise of one sample
