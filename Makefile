@@ -27,12 +27,15 @@ endif
 # Before a command that may be silent for long: a dot a second, until the command's shell is gone.
 DOTS = while sleep 1; kill -0 $$$$ 2>/dev/null; do printf .; done &
 
-.PHONY: help demo test lint format clean environment
+# What numpy and scipy can change; the figures of the specs take long and are the same.
+UBUNTU_TESTS = test/core test/bags test/config test/evaluation test/cli test/sim -k "not figures"
+
+.PHONY: help demo test test-ubuntu lint docs format clean environment
 .DEFAULT_GOAL := help
 
 help: ## this list
 	@echo "jointest_ros: joint angles without encoders"
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-7s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
 	@echo "PYTHON=python3.12 names the Python for .venv, ARGS=\"...\" goes to the demo or to pytest."
 
 demo: environment ## a simulated finger or --robot exoshell, estimates beside the truth, live, 15 s (ARGS="--bag BAG --config YAML" for yours)
@@ -43,6 +46,10 @@ demo: environment ## a simulated finger or --robot exoshell, estimates beside th
 test: lint ## lint, then all tests in two processes (ARGS="-k kckf" for some)
 	@.venv/bin/python -m pytest -n 2 --dist loadgroup $(ARGS)
 
+test-ubuntu: ## the tests of estimators, recordings and commands with numpy, scipy, ... of Ubuntu 24.04
+	@$(DOTS) $(PYTHON) tools/environment.py --ubuntu $(ROS_SOURCED)
+	@.venv-ubuntu/bin/python -m pytest -n 2 --dist loadgroup $(UBUNTU_TESTS) $(ARGS)
+
 lint: environment ## style and types: ruff and mypy
 	@echo "Checking style (ruff)"
 	@.venv/bin/ruff check .
@@ -50,13 +57,16 @@ lint: environment ## style and types: ruff and mypy
 	@echo "Checking types (mypy)"
 	@$(DOTS) .venv/bin/mypy
 
+docs: environment ## the documentation as HTML: docs/_build/index.html
+	@$(DOTS) .venv/bin/python -m sphinx -q -W --keep-going -b html docs docs/_build && echo "open docs/_build/index.html"
+
 format: environment ## bring the code into the project's style (ruff)
 	@.venv/bin/ruff check --fix .
 	@.venv/bin/ruff format .
 
 clean: ## remove .venv and all that builds and tests leave behind
-	@echo "Removing .venv, build, install, log and caches"
-	@rm -rf .venv build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@echo "Removing .venv, .venv-ubuntu, build, install, log and caches"
+	@rm -rf .venv .venv-ubuntu build install log docs/_build *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 environment:

@@ -3,6 +3,8 @@
 The project is installed editable: a change in its Python code counts at once. What pip copies (commands,
 configurations, launch files, ...) belongs to the fingerprint, and the next `make` installs it anew.
 
+With `--ubuntu` it makes .venv-ubuntu instead, with the versions of numpy, scipy and others that Ubuntu 24.04 has.
+
 Written for any Python 3.6, so that one that is too old gets a clear answer instead of a syntax error.
 """
 
@@ -13,12 +15,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-VENV = Path(".venv")
+UBUNTU = "--ubuntu" in sys.argv[1:]
+VENV = Path(".venv-ubuntu" if UBUNTU else ".venv")
+CONSTRAINTS = Path("tools/ubuntu-24.04.txt")
 LOG = VENV / "install.log"
 STAMP = VENV / "installed"
 # what steers an installation, and the folders of data that setup.py names
 PACKAGING = ["setup.py", "setup.cfg", "pyproject.toml", "package.xml", "resource", "scripts"]
-DATA = ["config", "launch", "urdf", "rviz", "bags"]
+DATA = ["config", "launch", "urdf", "rviz", "bags", "sros2"]
 
 
 def main() -> None:
@@ -35,21 +39,25 @@ def main() -> None:
 
     isolation = []
     if present[0] != wanted[0]:
-        print(f"Creating the virtual environment .venv: {kind}", flush=True)
+        print(f"Creating the virtual environment {VENV}: {kind}", flush=True)
         if "ROS_DISTRO" in os.environ and not ros_sourced:
             print(f"(a ROS installation is sourced, but {sys.executable} cannot import its rclpy)", flush=True)
         site = ["--system-site-packages"] if ros_sourced else []
         if subprocess.call([sys.executable, "-m", "venv", "--clear", *site, str(VENV)]):
-            sys.exit(f"{sys.executable} could not create .venv: see above")
+            sys.exit(f"{sys.executable} could not create {VENV}: see above")
         print(f"Installing jointest_ros and what it and its tests need (about a minute; see {LOG})", flush=True)
     else:
         print(f"The packaging or its data changed: installing jointest_ros again (see {LOG})", flush=True)
         isolation = ["--no-build-isolation"]  # setuptools is there by now: no network needed
         STAMP.unlink()  # an installation that is interrupted does not count
-    extras = ["convert", "test"]
+    extras = ["convert", "test"] if UBUNTU else ["convert", "docs", "test"]
     if not ros_sourced:
         extras.append("ros")
-    if platform.machine() == "x86_64":  # elsewhere vqf may have to be built; without it the tests of peers are skipped
+    if UBUNTU:
+        isolation += ["--constraint", str(CONSTRAINTS)]
+    elif (
+        platform.machine() == "x86_64"
+    ):  # elsewhere vqf may have to be built; without it the tests of peers are skipped
         extras.append("peers")
     pip_install([*isolation, "--editable", f".[{','.join(extras)}]"])
     STAMP.write_text("\n".join(wanted), encoding="utf-8")
@@ -75,7 +83,7 @@ def check_python(ros_sourced: bool) -> None:
 def fingerprint() -> str:
     """A digest of the names and contents of all files that decide what is installed."""
     digest = hashlib.sha256()
-    for top in [Path(__file__), *map(Path, PACKAGING + DATA)]:
+    for top in [Path(__file__), CONSTRAINTS, *map(Path, PACKAGING + DATA)]:
         for file in [top] if top.is_file() else sorted(top.rglob("*")):
             if file.is_file() and file.suffix != ".pyc":
                 digest.update(str(file).encode() + b"\0" + file.read_bytes())

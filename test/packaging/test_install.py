@@ -7,6 +7,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import tarfile
 import venv
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ def copy_project(to: Path) -> Path:
     for name in ("jointest_ros", "resource", "scripts", *DATA):
         if (PROJECT / name).is_dir():
             shutil.copytree(PROJECT / name, to / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE"):
+    for name in ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "LICENSE", "README.md", "MANIFEST.in"):
         shutil.copy(PROJECT / name, to)
     return to
 
@@ -76,10 +77,10 @@ def colcon_build(workspace: Path, *arguments: str) -> Path:
     return workspace / "install/jointest_ros"
 
 
-def pip_install(folder: Path, *arguments: str) -> tuple[Path, Path]:
-    """Installs a copy of the project into a new virtual environment; returns its folder and its site-packages."""
+def pip_install(folder: Path, *arguments: str, archive: Path | None = None) -> tuple[Path, Path]:
+    """Installs a copy of the project, or an archive, into a new environment; returns its folder and its site-packages."""
     pytest.importorskip("setuptools", minversion="70.1", reason="an older setuptools builds no wheel by itself")
-    prefix, source = folder / "venv", copy_project(folder / "source")
+    prefix, source = folder / "venv", archive or copy_project(folder / "source")
     venv.create(prefix, symlinks=True)
     python = prefix / "bin/python"
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
@@ -113,6 +114,27 @@ def test_pip_install_editable_gives_the_same_and_follows_edits(tmp_path: Path) -
     assert "jointest" in run(prefix / "lib/jointest_ros/jointest", "--help", cwd=tmp_path)
     where = run(prefix / "bin/python", "-c", WHERE, cwd=tmp_path)
     assert Path(where.strip()) == tmp_path / "source/jointest_ros/__init__.py"
+
+
+def test_wheel_made_from_the_source_archive_brings_all_that_a_user_needs(tmp_path: Path) -> None:
+    pytest.importorskip("build")
+    pytest.importorskip("setuptools", minversion="70.1", reason="an older setuptools builds no wheel by itself")
+    source = copy_project(tmp_path / "copy")
+    path = os.pathsep.join(OTHER_PACKAGES)
+    run(sys.executable, "-m", "build", "--no-isolation", cwd=source, PYTHONPATH=path)  # the wheel from the sdist
+    (archive,) = (source / "dist").glob("*.tar.gz")
+    with tarfile.open(archive) as tar:
+        names = {name.partition("/")[2] for name in tar.getnames()}
+    assert {"README.md", "LICENSE", "setup.py", "scripts/jointest", "config/finger.yaml"} <= names
+    (wheel,) = (source / "dist").glob("*.whl")
+
+    prefix, _ = pip_install(tmp_path, archive=wheel)
+
+    check_layout(prefix)
+    share = prefix / "share/jointest_ros"
+    bag, config = share / "bags/finger", share / "config/finger.yaml"
+    printed = run(prefix / "bin/jointest", "evaluate", bag, "--config", config, "-e", "pcf", cwd=tmp_path)
+    assert "finger_mcp" in printed
 
 
 def test_colcon_build_gives_the_commands_on_the_path_and_for_ros2_run(tmp_path: Path) -> None:
