@@ -14,7 +14,7 @@ from sphinx.util.docutils import SphinxDirective
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from jointest_ros.core.params import allowed_text  # noqa: E402
+from jointest_ros.core.params import allowed_text
 
 project = "jointest_ros"
 author = "the jointest_ros developers"

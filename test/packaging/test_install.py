@@ -78,7 +78,7 @@ def colcon_build(workspace: Path, *arguments: str) -> Path:
 
 
 def pip_install(folder: Path, *arguments: str, archive: Path | None = None) -> tuple[Path, Path]:
-    """Installs a copy of the project, or an archive, into a new environment; returns its folder and its site-packages."""
+    """Installs a copy of the project, or an archive, into a new environment; returns it and its site-packages."""
     pytest.importorskip("setuptools", minversion="70.1", reason="an older setuptools builds no wheel by itself")
     prefix, source = folder / "venv", archive or copy_project(folder / "source")
     venv.create(prefix, symlinks=True)
