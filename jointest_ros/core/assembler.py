@@ -6,7 +6,9 @@ The policy, in sensor time (see also docs/conventions.md):
   complete, or as a partial one when each missing sensor has shown that its sample will not come: it delivered a newer
   one, it has been silent, it is slower and not due yet, or the stream ran ahead by `max_wait`. So the order of arrival
   *between* topics, which DDS does not keep, changes nothing as long as no topic lags by more than `max_wait`.
-- A repeated or older stamp, a non-finite or implausible value in a field in use are refused and counted by cause.
+- A repeated or older stamp, a non-finite or implausible value in a field in use are refused and counted by cause; so is
+  a frozen IMU: one reading to the last bit, which says that the link turns.
+- Two streams on the topic of one IMU, which alternate (`Mixture`), are refused both, and Hall messages meanwhile.
 - A stamp that is off by more than `max_gap` forward or `reset_jump` back is held until a second sample confirms it;
   without confirmation it is refused. Confirmed: up to `reset_jump` it was a gap, beyond it the next frame says `reset`.
 - Hall messages have no stamp: a frame takes the one that arrived within `sync_tolerance` of its own first sample; once
@@ -22,9 +24,9 @@ from bisect import insort
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from jointest_ros.core.assembler_inputs import NEVER, HallQueue, Source
+from jointest_ros.core.assembler_inputs import NEVER, QUICK, HallQueue, Mixture, Source
 from jointest_ros.core.frame import Frame, Vec3
-from jointest_ros.core.input_quality import InputQuality, saturation_limit
+from jointest_ros.core.input_quality import InputQuality, gyro_saturation_limit, saturation_limit
 from jointest_ros.core.robot import UNCALIBRATED_SCALE, Sensor
 from jointest_ros.core.timing import Timing
 
@@ -35,6 +37,7 @@ _MIN_WAIT = 20_000_000  # ns
 _FIRST_TOLERANCE = 400_000  # ns, while the period is unknown: less than half a period at 1 kHz
 _FIRST_HALL_TOLERANCE = 50_000_000  # ns, of arrival: a node that starts is slow at first
 _STARTED = 20  # frames
+_NOTHING: Vec3 = (0.0, 0.0, 0.0)
 _GONE = 10  # periods after which a silent sensor says nothing about the period of the stream
 
 
@@ -84,7 +87,7 @@ class FrameAssembler:
         sources, mag_sources: sensor -> what it delivered; `hall_source`: the same of the Hall topic.
         frames, partial: how many were emitted, and how many of them with a sensor missing.
         gaps, resets: how many were confirmed.
-        quality: what it finds wrong with accelerometers in sound samples.
+        quality: what it finds wrong with sensors in sound samples.
     """
 
     def __init__(self, sensors: Iterable[Sensor], timing: Timing | None = None, hall_width: int = 0) -> None:
@@ -102,6 +105,7 @@ class FrameAssembler:
         self._in_use = {s.name: (s.gyro, s.accel, round(s.delay * 1e9)) for s in sensors}
         # the sum of all axes is checked against it: a smaller one needs no closer look
         self._conspicuous = {s.name: min(IMPLAUSIBLE_ACCEL, saturation_limit(s)) for s in sensors}
+        self._conspicuous_gyro = {s.name: min(IMPLAUSIBLE_GYRO, gyro_saturation_limit(s)) for s in sensors}
         self._accel_calibrations = {s.name: (*s.accel_matrix, s.accel_offset) for s in sensors if s.accel_calibrated}
         self._gyro_scales = {s.name: s.gyro_scale for s in sensors if s.gyro_scale != UNCALIBRATED_SCALE}
         self._expected = frozenset(self.sources)
@@ -115,6 +119,7 @@ class FrameAssembler:
         self._emitted = NEVER  # stamp of the last frame
         self._arrival = NEVER  # newest arrival of anything
         self._reset_next = False
+        self._mixed: set[str] = set()  # sensors to which somebody else sends as well
         self._period = 0  # ns; 0: not known yet
         self._set_tolerances()
 
@@ -127,14 +132,14 @@ class FrameAssembler:
         uses_gyro, uses_accel, delay = self._in_use[sensor]
         stamp -= delay
         # The comparison is false for NaN and infinity too.
-        if (uses_gyro and not abs(gyro[0]) + abs(gyro[1]) + abs(gyro[2]) < IMPLAUSIBLE_GYRO) or (
+        if (uses_gyro and not abs(gyro[0]) + abs(gyro[1]) + abs(gyro[2]) < self._conspicuous_gyro[sensor]) or (
             uses_accel and not abs(accel[0]) + abs(accel[1]) + abs(accel[2]) < self._conspicuous[sensor]
         ):
             cause = _unsound(gyro if uses_gyro else (), accel if uses_accel else ())
             if cause:
                 source.refused[cause] += 1
                 return []
-            self.quality.note(sensor, accel)
+            self.quality.note(sensor, gyro, accel)
         if arrival != self._arrival:
             self._note_arrival(arrival)
         if self._newest == NEVER:
@@ -165,6 +170,9 @@ class FrameAssembler:
     def add_hall(self, voltages: tuple[float, ...], arrival: int) -> list[Frame]:
         """One Hall message, V, NaN where there is no sensor; `arrival` (bags: record time), ns, is its only time."""
         self._note_arrival(arrival)
+        if self._mixed:
+            self._hall.refuse("two publishers")
+            return []
         oldest = arrival - self._hall_tolerance - self._max_gap
         return self._ready() if self._hall.add(voltages, arrival, oldest) else []
 
@@ -209,7 +217,8 @@ class FrameAssembler:
         else:
             frames = self._emit_all()
             for source in (*self.sources.values(), *self.mag_sources.values()):
-                source.last = NEVER
+                source.last, source.mixture = NEVER, None
+            self._mixed.clear()
             self._newest = self._emitted = NEVER
             self._first = confirmed[0][1]
             self._reset_next = True
@@ -228,10 +237,21 @@ class FrameAssembler:
     def _place(self, sensor: str, stamp: int, gyro: Vec3, accel: Vec3, arrival: int) -> bool:
         """Put a sample into the frame that it belongs to; False where this can make no frame ready."""
         source = self.sources[sensor]
+        uses_gyro, uses_accel, _ = self._in_use[sensor]
+        if source.mixture is not None or stamp - source.last < QUICK * source.period:
+            self._note_mixture(sensor, stamp, gyro, accel)
+        if sensor in self._mixed:
+            source.last = stamp
+            self._newest = max(self._newest, stamp)
+            source.refused["two publishers"] += 1
+            return True
         if source.accept(stamp):
             self._set_tolerances()
         if stamp > self._newest:
             self._newest = stamp
+        if uses_gyro and source.repeats(stamp, gyro, accel if uses_accel else None):
+            source.refused["frozen"] += 1
+            return True
         if stamp <= self._emitted:
             source.refused["late"] += 1
             return False
@@ -248,7 +268,6 @@ class FrameAssembler:
             frame = Frame(stamp)
             pending = _Pending(frame, arrival, set(self._expected), self._hall.added)
             insort(self._pending, pending)
-        uses_gyro, uses_accel, _ = self._in_use[sensor]
         if uses_gyro:
             scale = self._gyro_scales.get(sensor)
             frame.gyro[sensor] = gyro if scale is None else (scale[0] * gyro[0], scale[1] * gyro[1], scale[2] * gyro[2])
@@ -258,6 +277,20 @@ class FrameAssembler:
         pending.missing.remove(sensor)
         # The oldest frame may still wait for the same sensor as before.
         return not (joined and pending.awaited in pending.missing and pending is self._pending[0])
+
+    def _note_mixture(self, sensor: str, stamp: int, gyro: Vec3, accel: Vec3) -> None:
+        source = self.sources[sensor]
+        uses_gyro, uses_accel, _ = self._in_use[sensor]
+        mixture = source.mixture = source.mixture or Mixture(source.period)
+        mixture.add(stamp, gyro if uses_gyro else _NOTHING, accel if uses_accel else _NOTHING)
+        if mixture.over:
+            source.mixture = None
+            self._mixed.discard(sensor)
+        elif mixture.mixed and sensor not in self._mixed:
+            self._mixed.add(sensor)
+            source.period = mixture.period
+            source.intervals.clear()
+            self._set_tolerances()
 
     def _ready(self) -> list[Frame]:
         frames: list[Frame] = []
@@ -291,6 +324,8 @@ class FrameAssembler:
         return False
 
     def _take_hall(self, index: int) -> tuple[float, ...] | None:
+        if not self._hall.waits:
+            return None
         pending = self._pending[index]
         before_next = min([later.hall_added for later in self._pending[index + 1 :]], default=None)
         return self._hall.take(pending.arrival, self._hall_tolerance, pending.hall_added, before_next)

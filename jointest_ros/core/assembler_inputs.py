@@ -4,14 +4,74 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
+
+from jointest_ros.core.frame import Vec3
 
 NEVER = -(1 << 62)  # ns, before every stamp
 _INTERVALS = 31  # intervals behind one estimate of the period
 _FIRST_INTERVALS = 5
 _REGULAR = 20  # frames in a row
+_FROZEN_AFTER = 100_000_000  # ns; drivers that send faster than their sensor measures repeat a reading for less
+_FROZEN_FEWEST = 5  # samples
+_FROZEN_TURNS = 0.2  # rad/s: a link at rest may repeat its reading for hours
 _IMPLAUSIBLE_VOLTAGE = 1e3  # V
+QUICK = 0.6  # of a period: of two streams of one rate, in whatever phase, some samples follow so soon
+_MIXED_WINDOW = 10  # samples
+_MIXED_SPAN = 0.75  # of the time that so many samples of one stream take; two streams take half
+_ALTERNATES = 3.0  # noise gives 1, a smooth motion .5
+_MIXED_LONGEST = 1_000_000_000  # ns after which a stream that does not alternate is one of another rate
+
+
+class Mixture:
+    """Whether the samples of an IMU are those of two, by turns: somebody else sends on its topic.
+
+    That is: they come about twice as often as they used to, and they alternate, so that each is nearer to the last but
+    one than to the last. Nobody can tell then which of them are right. One stream again: they come as they used to.
+
+    Args:
+        period: of the stream until now, ns.
+
+    Attributes:
+        mixed: two streams.
+        over: it is one stream (again).
+    """
+
+    def __init__(self, period: int) -> None:
+        self.period = period
+        self.mixed = self.over = False
+        self._samples: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=_MIXED_WINDOW)
+        self._alternated: int | None = None  # ns, stamp when it was last found to, or of the first sample
+        self._looked_so = False  # it was found to at the look before: once is chance
+        self._new = 0
+
+    def add(self, stamp: int, gyro: Vec3, accel: Vec3) -> None:
+        """Take every sample."""
+        samples = self._samples
+        samples.append((stamp, gyro, accel))
+        self._new += 1
+        if self._alternated is None:
+            self._alternated = stamp
+        if len(samples) < _MIXED_WINDOW:
+            return
+        if stamp - samples[0][0] > _MIXED_SPAN * (_MIXED_WINDOW - 1) * self.period:
+            self.over = True
+        elif self._new >= _MIXED_WINDOW // 2:
+            self._new = 0
+            _, gyro_readings, accel_readings = zip(*samples, strict=True)
+            if _alternate(gyro_readings) or _alternate(accel_readings):
+                self.mixed, self._alternated = self.mixed or self._looked_so, stamp
+                self._looked_so = True
+            else:
+                self._looked_so = False
+                self.over = stamp - self._alternated > _MIXED_LONGEST
+
+
+def _alternate(readings: Sequence[Vec3]) -> bool:
+    steps = sum(map(math.dist, readings[1:], readings)) / (len(readings) - 1)
+    return steps > _ALTERNATES * sum(map(math.dist, readings[2:], readings)) / (len(readings) - 2)
 
 
 @dataclass(slots=True)
@@ -23,7 +83,25 @@ class Source:
     refused: Counter[str] = field(default_factory=Counter)
     last: int = NEVER  # ns, newest stamp
     period: int = 0  # ns; 0: not known yet
+    gaps: int = 0  # intervals of more than 1.5 periods; counted when the period is found
     intervals: list[int] = field(default_factory=list)
+    reading: tuple[Vec3, Vec3 | None] | None = None  # newest one of an IMU
+    held_from: int = 0  # ns, stamp with which it came first
+    held: int = 0  # how often it has come again
+    mixture: Mixture | None = None  # since samples have come too soon after one another
+
+    def repeats(self, stamp: int, gyro: Vec3, accel: Vec3 | None) -> bool:
+        """Whether an IMU is frozen: it repeats a turning reading to the last bit, for longer than drivers do."""
+        reading = (gyro, accel)
+        if reading != self.reading:
+            self.reading, self.held_from, self.held = reading, stamp, 0
+            return False
+        self.held += 1
+        return (
+            self.held >= _FROZEN_FEWEST
+            and stamp - self.held_from >= _FROZEN_AFTER
+            and max(map(abs, gyro)) > _FROZEN_TURNS
+        )
 
     def accept(self, stamp: int) -> bool:
         """Note a newer stamp. True when the period was found anew."""
@@ -36,6 +114,7 @@ class Source:
         # Lost samples make intervals of two periods and more: the median of those that are near the shorter ones.
         shorter = sorted(intervals)[len(intervals) // 4]
         self.period = round(median([one for one in intervals if one < 1.5 * shorter]))
+        self.gaps += sum([one > 1.5 * self.period for one in intervals])
         intervals.clear()
         return True
 
@@ -64,13 +143,18 @@ class HallQueue:
         if len(voltages) != self.width:
             source.refused["wrong length"] += 1
             return False
-        if any(abs(v) > _IMPLAUSIBLE_VOLTAGE for v in voltages):
+        if [v for v in voltages if abs(v) > _IMPLAUSIBLE_VOLTAGE]:
             source.refused["not finite" if any(map(math.isinf, voltages)) else "implausible"] += 1
             return False
         self.drop_before(oldest if self.per_frame else None)
         self._waiting.append((arrival, voltages))
         self.added += 1
         return True
+
+    def refuse(self, cause: str) -> None:
+        """A message that is not looked at."""
+        self.source.received += 1
+        self.source.refused[cause] += 1
 
     @property
     def follows(self) -> bool:
@@ -98,6 +182,11 @@ class HallQueue:
         self._after = self._after + 1 if self.added - len(waiting) >= added else 0
         self.source.used += 1
         return waiting.popleft()[1]
+
+    @property
+    def waits(self) -> bool:
+        """There is a message for a frame."""
+        return bool(self._waiting)
 
     @property
     def awaited(self) -> bool:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Series
+from jointest_ros.core.learned import Learned, fingerprint
 from jointest_ros.core.params import Params as ParameterSet
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.timing import Timing
@@ -18,14 +20,19 @@ class Estimator(ABC):
     Class attributes:
         name: section of the configuration and stem of the node's executable.
         Params: what a user can set.
+        innovation_limit: root mean square of the `innovations` over a second above which something is wrong with the
+            model; 1 where all is well.
 
     Instance attributes:
         joints: names of the positions that it estimates, the order of every tuple and column that it returns.
+        unfit: why it did not start from what it learned in an earlier run, though there is something; or "".
     """
 
     name: ClassVar[str]
     Params: ClassVar[type[ParameterSet]]
+    innovation_limit: ClassVar[float] = 5.0
     joints: tuple[str, ...]
+    unfit: str = ""
 
     def __init__(self, robot: Robot, params: ParameterSet | None = None, timing: Timing | None = None) -> None:
         self.robot = robot
@@ -63,6 +70,10 @@ class Estimator(ABC):
         """Innovations of the newest frame over their standard deviations; NaN: that reading was not used."""
         return []
 
+    def innovation_joints(self) -> tuple[str, ...]:
+        """The joint that each of the `innovations` belongs to."""
+        return ()
+
     @property
     def torso(self) -> TorsoChain | None:
         """The chain whose torso it estimates, if it does."""
@@ -70,7 +81,7 @@ class Estimator(ABC):
 
     def warnings(self) -> list[str]:
         """What its inputs so far tell of the sensors that a user should know, one line each."""
-        return []
+        return [self.unfit] if self.unfit else []
 
     def biases(self) -> dict[str, float]:
         """The latest sensor biases by name (rad/s for gyros, V for Hall sensors, m/s^2 for accelerometers)."""
@@ -79,3 +90,26 @@ class Estimator(ABC):
     def link_velocities(self) -> dict[str, float]:
         """The latest angular velocities of single links about their joint's axis, rad/s, by link; where estimated."""
         return {}
+
+    def learned(self) -> Learned | None:
+        """What it found out that holds beyond this run, for `Robot.learned`; None: nothing yet, or it never does."""
+        return None
+
+    def _learned_before(self, biases: Collection[str], zero: Mapping[str, int] | None = None) -> Learned | None:
+        """What `Robot.learned` has for it, if it fits; otherwise `unfit` says so.
+
+        It fits if it is of this robot, has just these `biases`, and zero poses of so many numbers as `zero` says.
+        """
+        known = self.robot.learned.get(self.name)
+        if known is None:
+            return None
+        same_names = set(known.biases) == set(biases) and all(
+            len(numbers) == (zero or {}).get(joint) for joint, numbers in known.zero.items()
+        )
+        if same_names and known.robot == fingerprint(self.robot):
+            return known
+        self.unfit = (
+            f"what {self.name} learned before (calibration file, learned.{self.name}) was saved with other joints, "
+            "mountings, calibrations or parameters: it starts without; save it anew by ~/save_calibration"
+        )
+        return None

@@ -1,4 +1,4 @@
-"""What is wrong with an accelerometer though every sample of it is sound: saturated, frozen, other units, far from g.
+"""What is wrong with an IMU though every sample of it is sound: saturated, frozen, other units, far from g.
 
 `saturation` and `Frozen` are the definitions, for estimators too. `InputQuality` watches a stream of frames by them, at
 a cost that does not count: it looks at one frame in 50 ms.
@@ -7,7 +7,7 @@ a cost that does not count: it looks at one frame in 50 ms.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,12 +27,22 @@ _FEWEST = 8  # samples in a window
 _REST_ACCEL = 0.02  # largest standard deviation of an axis at rest, as a share of the norm: the units are in doubt
 _REST_GYRO = 0.1  # rad/s, largest rate of an axis at rest, a bias included
 _NO_GYRO: Mapping[str, Vec3] = {}
-_UNITS = {"g": 1.0, "mg": 1000.0}  # what a sensor at rest reads in them
+UNITS = {"g": 1.0, "mg": 1000.0}  # what a sensor at rest reads in them
 
 
 def saturation_limit(sensor: Sensor) -> float:
     """A raw reading is saturated from here on in any axis, m/s^2; infinity where the full scale is not known."""
     return SATURATED * sensor.accel_range
+
+
+def gyro_saturation_limit(sensor: Sensor) -> float:
+    """The same of the gyro, rad/s."""
+    return SATURATED * sensor.gyro_range
+
+
+def gyro_of(sensor: str) -> str:
+    """How the gyro of a sensor is called where its accelerometer is told of too."""
+    return f"{sensor} gyro"
 
 
 def saturation(sensor: Sensor) -> Callable[[Vec3], bool]:
@@ -116,29 +126,41 @@ class Frozen:
 
 
 class InputQuality:
-    """Watches the accelerometers of a stream of frames.
+    """Watches the accelerometers of a stream of frames, and whether anything is saturated.
 
     Attributes:
-        saturated: sensor -> number of its samples with a saturated axis, for sensors of known full scale; whoever
-            receives the raw samples counts them with `note`.
+        saturated: sensor -> number of its samples with a saturated axis of the accelerometer, and `gyro_of` the sensor
+            -> of its gyro, where the full scale is known; whoever receives the raw samples counts them with `note`.
         rest_norm: sensor -> norm of its mean reading when it was last at rest, m/s^2.
         frozen_longest: sensor -> longest time for which it was frozen, s.
+        at_rest: sensor -> whether it was, in the newest second of its samples; gyros count too.
     """
 
     def __init__(self, sensors: Iterable[Sensor]) -> None:
+        sensors = list(sensors)
+        self._all = [sensor.name for sensor in sensors]
         self._sensors = {sensor.name: sensor for sensor in sensors if sensor.accel}
-        self.saturated = {name: 0 for name, sensor in self._sensors.items() if math.isfinite(sensor.accel_range)}
+        self.at_rest: dict[str, bool] = {}
+        self._full_scales: dict[str, tuple[str, str]] = {}  # what may be saturated -> (sensor, how to say it)
+        for sensor in sensors:
+            if sensor.accel and math.isfinite(sensor.accel_range):
+                self._full_scales[sensor.name] = sensor.name, f"{sensor.accel_range / STANDARD_GRAVITY:.3g} g"
+            if sensor.gyro and math.isfinite(sensor.gyro_range):
+                text = f"{math.degrees(sensor.gyro_range):.4g} deg/s"
+                self._full_scales[gyro_of(sensor.name)] = sensor.name, text
+        self.saturated = dict.fromkeys(self._full_scales, 0)
         self.rest_norm: dict[str, float] = {}
         self.frozen_longest: dict[str, float] = {}
-        self._limits = {name: saturation_limit(sensor) for name, sensor in self._sensors.items()}
+        self._limits = {sensor.name: (gyro_saturation_limit(sensor), saturation_limit(sensor)) for sensor in sensors}
         self._frozen = Frozen(self._sensors.values())
         self._frames: list[Frame] = []
         self._next = -(1 << 62)  # ns, stamp from which on a frame is looked at
 
-    def note(self, sensor: str, reading: Vec3) -> None:
-        """Count a raw reading, m/s^2, if it is saturated."""
-        if max(map(abs, reading)) >= self._limits[sensor]:
-            self.saturated[sensor] += 1
+    def note(self, sensor: str, gyro: Vec3, accel: Vec3) -> None:
+        """Count raw readings, rad/s and m/s^2, if they are saturated."""
+        for what, reading, limit in zip((gyro_of(sensor), sensor), (gyro, accel), self._limits[sensor], strict=True):
+            if what in self.saturated and max(map(abs, reading)) >= limit:
+                self.saturated[what] += 1
 
     def add(self, frame: Frame) -> None:
         """Take every frame."""
@@ -156,6 +178,11 @@ class InputQuality:
             self._judge_rest()
             self._frames.clear()
 
+    @property
+    def frozen(self) -> Collection[str]:
+        """The sensors that are frozen now."""
+        return self._frozen.since.keys()
+
     def findings(self, sensor: str) -> Iterator[str]:
         """What is wrong with a sensor now, a text each."""
         yield from self._norm_finding(sensor)
@@ -169,19 +196,19 @@ class InputQuality:
             if sensor in self.frozen_longest:
                 longest = self.frozen_longest[sensor]
                 yield f"{sensor} repeats one acceleration for {longest:.1f} s while its link moves: frozen?"
-            if count := self.saturated.get(sensor, 0):
-                yield f"{self.saturation_text(sensor, count)}, {count / received[sensor]:.1%} of all"
+        for what, count in self.saturated.items():
+            if count:
+                yield f"{self.saturation_text(what, count)}, {count / received[self._full_scales[what][0]]:.1%} of all"
 
-    def saturation_text(self, sensor: str, count: int) -> str:
-        """What to say of `count` saturated samples."""
-        full_scale = self._sensors[sensor].accel_range / STANDARD_GRAVITY
-        return f"{sensor}: {count} samples saturated at the full scale of {full_scale:.3g} g"
+    def saturation_text(self, what: str, count: int) -> str:
+        """What to say of `count` saturated samples; `what`: a key of `saturated`."""
+        return f"{what}: {count} samples saturated at the full scale of {self._full_scales[what][1]}"
 
     def _norm_finding(self, sensor: str) -> Iterator[str]:
         norm = self.rest_norm.get(sensor, STANDARD_GRAVITY)
         if abs(norm / STANDARD_GRAVITY - 1.0) <= NORM_TOLERANCE:
             return
-        for unit, gravity in _UNITS.items():
+        for unit, gravity in UNITS.items():
             if abs(norm / gravity - 1.0) <= 2.0 * NORM_TOLERANCE:
                 yield f"{sensor} reads {norm:.2f} at rest: is it in {unit} instead of m/s^2?"
                 return
@@ -192,11 +219,16 @@ class InputQuality:
 
     def _judge_rest(self) -> None:
         """Find the sensors that were at rest over the window, and the norm of what they read."""
-        for sensor in self._sensors:
+        self.at_rest = {}
+        for sensor in self._all:
             accel = np.array([frame.accel[sensor] for frame in self._frames if sensor in frame.accel])
             gyro = np.array([frame.gyro[sensor] for frame in self._frames if sensor in frame.gyro])
-            if len(accel) < _FEWEST or (gyro.size and np.abs(gyro).max() > _REST_GYRO):
+            if max(len(accel), len(gyro)) < _FEWEST:
                 continue
-            norm = float(np.linalg.norm(accel.mean(axis=0)))
-            if accel.std(axis=0).max() <= _REST_ACCEL * norm:
-                self.rest_norm[sensor] = norm
+            at_rest = not gyro.size or bool(np.abs(gyro).max() <= _REST_GYRO)
+            if at_rest and len(accel) >= _FEWEST:
+                norm = float(np.linalg.norm(accel.mean(axis=0)))
+                at_rest = bool(accel.std(axis=0).max() <= _REST_ACCEL * norm)
+                if at_rest:
+                    self.rest_norm[sensor] = norm
+            self.at_rest[sensor] = at_rest

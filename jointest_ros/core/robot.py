@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.learned import Learned
 from jointest_ros.core.rotation import IDENTITY, dot, norm
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
@@ -131,6 +132,7 @@ class Robot:
     Attributes:
         world: the link that stands still with its z axis up, or "". It needs no sensor: the angles of joints from it
             are those of the child relative to gravity, and, about gravity, relative to the start.
+        learned: estimator -> what it found out in an earlier run, from which it starts.
 
     Raises:
         ConfigurationError: a joint or sensor names an unknown link, a link has two parents, a joint closes a loop, a
@@ -144,6 +146,7 @@ class Robot:
     name: str = "robot"
     hall: tuple[HallSensor, ...] = ()
     world: str = ""
+    learned: Mapping[str, Learned] = field(default_factory=dict, hash=False)
     _by_name: dict[str, Sensor] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:

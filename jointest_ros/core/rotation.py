@@ -120,3 +120,13 @@ def wrap(angle: float) -> float:
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
     """Rz(yaw) Ry(pitch) Rx(roll), rad: the convention of URDF."""
     return multiply(multiply(exp((0.0, 0.0, yaw)), exp((0.0, pitch, 0.0))), exp((roll, 0.0, 0.0)))
+
+
+def to_rpy(q: Quat) -> Vec3:
+    """Roll, pitch and yaw of `from_rpy`, rad; pitch in [-pi/2, pi/2], and where it is at either end, roll is 0."""
+    x, y, z, w = q
+    sine = 2.0 * (w * y - x * z)
+    if abs(sine) > 1.0 - 1e-12:  # only yaw -+ roll is determined
+        return (0.0, math.copysign(0.5 * math.pi, sine), wrap(math.copysign(2.0, -sine) * math.atan2(x, w)))
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return (roll, math.asin(sine), math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

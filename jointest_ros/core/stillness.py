@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class Stillness:
         self._frames.append(frame)
         if frame.stamp - self._frames[0].stamp < self._length:
             return None
-        still = self._judge([Recording.from_frames(self._frames)])
+        still = self._judge(self._frames)
         self._frames = [frame]
         return still
 
@@ -65,17 +66,17 @@ class Stillness:
             yield from self._run_stretch(recording, start, stop)
 
     def _run_stretch(self, recording: Recording, start: int, stop: int) -> Iterator[tuple[int, bool]]:
-        held = [Recording.from_frames(self._frames)] if self._frames else []
+        held = self._frames
         while start < stop:
             stamps = recording.stamps[start:stop]
-            first = held[0].stamps[0] if held else stamps[0]
+            first = held[0].stamp if held else stamps[0]
             end = start + int(np.searchsorted(stamps, first + self._length))  # the frame that closes the window
             if end == stop:
                 break
-            still = self._judge([*held, recording.part(start, end + 1)])
+            still = self._judge(held, recording.part(start, end + 1))
             yield end + 1, still
             held, start = [], end
-        self._frames = [frame for part in (*held, recording.part(start, stop)) for frame in part.frames()]
+        self._frames = [*held, *recording.part(start, stop).frames()]
 
     def means(self) -> tuple[dict[str, Vec3], dict[str, Vec3]]:
         """(gyro rad/s, accelerometer m/s^2) by sensor, over the present still phase."""
@@ -110,50 +111,64 @@ class Stillness:
         self.gyro_mean.clear()
         self.accel_mean.clear()
 
-    def _judge(self, window: list[Recording]) -> bool:
-        """Judge consecutive stretches which are one window, and take it into the means if it was still."""
-        means: list[tuple[str, FloatArray, FloatArray]] = []
-        span = float(window[-1].stamps[-1] - window[0].stamps[0]) * 1e-9
-        if span > 2.0 * self.window:  # nobody knows what happened in between
+    def _judge(self, frames: list[Frame], rest: Recording | None = None) -> bool:
+        """Judge frames and the rows that follow them, which are one window; take it into the means if it was still."""
+        first = frames[0].stamp if frames else int(rest.stamps[0])  # type: ignore[union-attr]
+        last = frames[-1].stamp if rest is None else int(rest.stamps[-1])
+        span = (last - first) * 1e-9
+        means = None if span > 2.0 * self.window else self._still_means(frames, rest)  # who knows what happened there
+        if means is None:
             self._moved()
             return False
-        for sensor in self.sensors:
-            gyro = _rows([part.gyro.get(sensor) for part in window])
-            if len(gyro) < _FEWEST:
-                self._moved()
-                return False
-            gyro_mean, gyro_std = _moments(gyro)
-            still = (gyro_std < self.gyro_std).all() and (abs(gyro_mean) < self.gyro_bias).all()
-            if not still:  # the accelerometer need not be looked at
-                self._moved()
-                return False
-            accel = _rows([part.accel.get(sensor) for part in window]) if self.accel else np.zeros_like(gyro)
-            if len(accel) < _FEWEST:
-                self._moved()
-                return False
-            accel_mean, accel_std = _moments(accel)
-            still = (accel_std < self.accel_std).all()
-            if still and sensor in self.gyro_mean:
-                scatter = _CONSISTENT * gyro_std / np.sqrt(len(gyro)) + 0.02 * self.gyro_std
-                still = (abs(gyro_mean - self.gyro_mean[sensor]) < scatter).all()
-                scatter = _CONSISTENT * accel_std / np.sqrt(len(accel)) + 0.02 * self.accel_std
-                still = still and (abs(accel_mean - self.accel_mean[sensor]) < scatter).all()
-            if not still:
-                self._moved()
-                return False
-            means.append((sensor, gyro_mean, accel_mean))
         share = span / (self.duration + span)
-        for sensor, gyro_mean, accel_mean in means:
-            for table, mean in ((self.gyro_mean, gyro_mean), (self.accel_mean, accel_mean)):
+        for table, new in zip((self.gyro_mean, self.accel_mean), means, strict=True):
+            for sensor, mean in new.items():
                 table[sensor] = table[sensor] + share * (mean - table[sensor]) if sensor in table else mean
         self.duration += span
         return True
 
+    def _still_means(self, frames: list[Frame], rest: Recording | None) -> tuple[dict[str, FloatArray], ...] | None:
+        """Means of gyros and accelerometers over a window; None where one moved. Gyros tell of most motion: first."""
+        gyro_means: dict[str, FloatArray] = {}
+        accel_means: dict[str, FloatArray] = {}
+        for sensor in self.sensors:
+            gyro = _rows("gyro", sensor, frames, rest)
+            if len(gyro) < _FEWEST:
+                return None
+            mean, deviation = _moments(gyro)
+            if not ((deviation < self.gyro_std).all() and (abs(mean) < self.gyro_bias).all()):
+                return None
+            if not _consistent(mean, self.gyro_mean.get(sensor), deviation, self.gyro_std, len(gyro)):
+                return None
+            gyro_means[sensor] = mean
+        for sensor in self.sensors:
+            accel = _rows("accel", sensor, frames, rest) if self.accel else np.zeros((_FEWEST, 3))
+            if len(accel) < _FEWEST:
+                return None
+            mean, deviation = _moments(accel)
+            if not (deviation < self.accel_std).all():
+                return None
+            if not _consistent(mean, self.accel_mean.get(sensor), deviation, self.accel_std, len(accel)):
+                return None
+            accel_means[sensor] = mean
+        return gyro_means, accel_means
 
-def _rows(tables: list[FloatArray | None]) -> FloatArray:
-    """The rows of all tables that are whole."""
-    present = [table for table in tables if table is not None] or [np.empty((0, 3))]
-    rows = present[0] if len(present) == 1 else np.vstack(present)
+
+def _consistent(mean: FloatArray, before: FloatArray | None, deviation: FloatArray, limit: float, count: int) -> bool:
+    """Whether the mean of a window of `count` rows is that of the windows before."""
+    if before is None:
+        return True
+    return bool((abs(mean - before) < _CONSISTENT * deviation / np.sqrt(count) + 0.02 * limit).all())
+
+
+def _rows(what: str, sensor: str, frames: list[Frame], rest: Recording | None) -> FloatArray:
+    """The whole rows (n, 3) of a sensor in frames, then in a recording; only what is looked at is stacked."""
+    tables = [table.get(sensor) for table in map(attrgetter(what), frames)]
+    present = itertools.chain.from_iterable([row for row in tables if row is not None])
+    rows: FloatArray = np.fromiter(present, dtype=np.float64).reshape(-1, 3)
+    if rest is not None and sensor in getattr(rest, what):
+        table = getattr(rest, what)[sensor]
+        rows = np.vstack([rows, table]) if len(rows) else table
     finite: Any = np.isfinite(rows)
     return rows if finite.all() else np.asarray(rows[finite.all(axis=1)])
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from jointest_ros.core.params import Params, param
 
 
@@ -48,3 +51,9 @@ class Timing(Params):
         True,
         "every frame waits for its Hall message; false (Hall slower than the IMUs): the newest reading is used once",
     )
+
+
+def rising(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) mask of the stamps (ns) that are newer than all before them."""
+    before = np.append(np.iinfo(np.int64).min, np.maximum.accumulate(stamps)[:-1])
+    return np.asarray(stamps > before)

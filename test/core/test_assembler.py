@@ -7,6 +7,7 @@ import random
 import statistics
 from collections.abc import Iterable
 
+import numpy as np
 import pytest
 
 from jointest_ros.core.assembler import FrameAssembler
@@ -415,3 +416,55 @@ def test_flush_emits_what_waits() -> None:
     feed(assembler, [("a", 400.0), ("b", 400.0), ("a", 410.0)])
     assert shape(assembler.flush()) == [(400.0, "ab"), (410.0, "a")]
     assert assembler.flush() == []
+
+
+# ---------------------------------------------------------------- two publishers
+
+
+def mixed_stream(phase_ms: int, until: int = 2000) -> FrameAssembler:
+    """Between 500 and 1000 ms another robot sends too, `phase_ms` after every sample."""
+    assembler = FrameAssembler([Sensor("a", "one"), Sensor("b", "two")], hall_width=1)
+    generator = np.random.default_rng(phase_ms)
+    for time in range(0, until, 10):
+        for sensor in ("a", "b"):
+            x, y, z = (0.5 * math.sin(0.005 * time) + generator.normal(0.0, 0.01, 3)).tolist()
+            assembler.add_imu(sensor, time * MS, (x, y, z), (0.0, x, 9.81 + y), time * MS)
+        assembler.add_hall((1.0,), time * MS)
+        if 500 <= time < 1000:
+            x, y, z = (-0.7 + generator.normal(0.0, 0.01, 3)).tolist()
+            assembler.add_imu("a", (time + phase_ms) * MS, (x, y, z), (0.0, 3.0 + x, 9.0 + y), (time + phase_ms) * MS)
+    return assembler
+
+
+@pytest.mark.parametrize("phase_ms", [1, 3, 5, 8])
+def test_two_publishers_of_one_imu_are_both_refused_while_there_are_two(phase_ms: int) -> None:
+    assembler = mixed_stream(phase_ms)
+    assembler.flush()
+    refused = assembler.sources["a"].refused
+    assert set(refused) <= {"two publishers", "late"}
+    assert 75 < refused["two publishers"] < 110  # of 100 that came meanwhile; it takes some to tell, and some to forget
+    assert assembler.sources["a"].used > 135  # of the 150 good ones before and after
+    assert not assembler.sources["b"].refused
+    assert 35 < assembler.hall_source.refused["two publishers"] <= 55
+    assert assembler.sources["a"].period == 10 * MS
+    for source in (*assembler.sources.values(), assembler.hall_source):
+        assert source.received == source.used + source.refused.total()
+
+
+def test_a_sensor_that_begins_to_send_twice_as_often_is_used() -> None:
+    assembler = FrameAssembler([Sensor("a", "one")])
+    generator = np.random.default_rng(0)
+    for time in (*range(0, 1000, 10), *range(1000, 4000, 5)):
+        x, y, z = generator.normal(0.0, 0.5, 3).tolist()
+        assembler.add_imu("a", time * MS, (x, y, z), (0.0, x, 9.81))
+    assembler.flush()
+    assert assembler.sources["a"].used == 700
+    assert assembler.sources["a"].period == 5 * MS
+
+
+def test_a_sensor_that_vibrates_at_half_its_rate_is_used() -> None:
+    assembler = FrameAssembler([Sensor("a", "one")])
+    for k in range(500):
+        assembler.add_imu("a", k * 10 * MS, (0.1 * k, 0.0, (-1.0) ** k), (0.0, 5.0 * (-1.0) ** k, 9.81))
+    assembler.flush()
+    assert assembler.sources["a"].used == 500

@@ -11,7 +11,7 @@ from pcf_swing import X, Z, lose, swing, take
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import Recording, Vec3
-from jointest_ros.core.pcf.pair_checks import PairCheck, odd_ones, verdict
+from jointest_ros.core.pcf.pair_checks import CONTRADICTION, PairCheck, odd_ones, verdict
 from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
 from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Joint, Robot
@@ -125,6 +125,15 @@ def test_motion_shaking_and_unknown_biases_alarm_nobody(scenario: str, still_sta
     )
     estimator = watch(recorded.robot, recorded.recording, still_start=still_start, zero_at_start=still_start > 0.0)
     assert estimator.warnings() == []
+
+
+@pytest.mark.parametrize("factor", [math.degrees(1.0), -1.0], ids=["deg/s", "reversed"])
+def test_a_gyro_that_contradicts_its_accelerometer_is_not_put_down_to_a_slip(factor: float) -> None:
+    recorded = finger.simulate("PC", rate_hz=100.0, duration_s=30.0, zero_pose_s=2.0, seed=4)
+    gyro = {**recorded.recording.gyro, "middle": factor * recorded.recording.gyro["middle"]}
+    (text,) = watch(recorded.robot, replace(recorded.recording, gyro=gyro)).warnings()
+    assert text.startswith("IMU ") and text.endswith(f": {CONTRADICTION}")
+    assert "middle" in text
 
 
 def test_losses_gaps_and_resets_alarm_nobody() -> None:

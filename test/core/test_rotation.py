@@ -96,3 +96,10 @@ def test_wrap_takes_whole_turns_away(angle: float) -> None:
 def test_rpy_is_that_of_urdf(roll: float, pitch: float, yaw: float) -> None:
     expected = Rotation.from_euler("ZYX", [yaw, pitch, roll])
     assert same_rotation(rotation.from_rpy(roll, pitch, yaw), tuple(expected.as_quat()))
+
+
+@given(
+    st.one_of(attitudes, st.builds(rotation.from_rpy, angles, st.sampled_from([-0.5 * math.pi, 0.5 * math.pi]), angles))
+)
+def test_to_rpy_gives_the_angles_of_the_same_rotation(q: Quat) -> None:
+    assert same_rotation(rotation.from_rpy(*rotation.to_rpy(q)), q)

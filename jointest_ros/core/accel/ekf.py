@@ -22,6 +22,7 @@ from jointest_ros.core.accel.paper.linearise import linearise_ekf
 from jointest_ros.core.accel.paper.pair import PaperPair
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Estimate, Recording, Series
+from jointest_ros.core.learned import Bias, Learned, fingerprint
 from jointest_ros.core.params import Params, param
 from jointest_ros.core.robot import STANDARD_GRAVITY
 
@@ -76,6 +77,31 @@ class AccelEkf(AccelEstimator):
         if p.model == "paper":
             return PaperPair(arrays, linearise_ekf, self.timing.max_gap)
         return JointFilter(arrays, ModelNoise(p.snap_density, p.bias, p.bias_std, p.bias_walk), self.timing.max_gap)
+
+    def reset(self) -> None:
+        """Forget everything of this run."""
+        super().reset()
+        known = self._learned_before(self.biases())
+        if known is not None:
+            for one, channels in zip(self._filters, self._channel_names, strict=True):
+                if isinstance(one, JointFilter):
+                    one.start_from([known.biases[name] for name in channels])
+
+    def learned(self) -> Learned | None:
+        """Biases of the channels; None where none are estimated, and before the first frame."""
+        biases: dict[str, Bias] = {}
+        for one, channels in zip(self._filters, self._channel_names, strict=True):
+            if isinstance(one, JointFilter):
+                biases |= zip(channels, zip(one.biases(), one.bias_deviations(), strict=True), strict=False)
+        return Learned(fingerprint(self.robot), biases) if biases and self._last is not None else None
+
+    def _changed_frozen(self, began: set[str], ended: set[str]) -> None:
+        for one, names in zip(self._filters, self._names, strict=True):
+            if isinstance(one, JointFilter):
+                if not began.isdisjoint(names):
+                    one.keep_biases()
+                if not ended.isdisjoint(names):
+                    one.take_back_biases()
 
     def smooth(self, recording: Recording) -> Series:
         """Estimates of a whole recording, each from all of it: what was before and what comes after.

@@ -56,6 +56,9 @@ class AccelEstimator(Estimator):
         """The noise density that is assumed of every accelerometer at least, m/s^2/sqrt(Hz)."""
         return 0.0
 
+    def _changed_frozen(self, began: set[str], ended: set[str]) -> None:
+        """Sensors began or ceased to be frozen: for filters that learn of their readings more than the motion."""
+
     @abstractmethod
     def _make_filter(self, arrays: JointArrays) -> PairFilter:
         """A filter of one joint before its first sample."""
@@ -104,8 +107,11 @@ class AccelEstimator(Estimator):
     def _readings(self, frame: Frame) -> tuple[dict[str, Vec3], set[str]]:
         """(accelerations to be used, sensors that are saturated or frozen)."""
         accel = frame.accel
+        before = set(self._frozen.since)
         self._frozen.update(frame.stamp, accel, frame.gyro)
         distrusted = set(self._frozen.since)
+        if before != distrusted:
+            self._changed_frozen(distrusted - before, before - distrusted)
         for name, is_saturated in self._saturated.items():
             if name in accel and is_saturated(accel[name]):
                 distrusted.add(name)
@@ -155,18 +161,29 @@ class AccelEstimator(Estimator):
         """Of the newest frame over their standard deviations, joint after joint in the order of the channels."""
         return [value for one in self._filters for value in one.innovations()]
 
+    def innovation_joints(self) -> tuple[str, ...]:
+        """See `Estimator`."""
+        rows = zip(self.joints, self._filters, strict=True)
+        return tuple([joint for joint, one in rows for _ in one.innovations()])
+
     def biases(self) -> dict[str, float]:
         """Accelerometer biases, m/s^2: `<sensor>.x` and `.y` in the plane of motion, axes of the link.
 
         `<joint>.<sensor>.x` where a sensor serves two joints.
         """
-        shared = _repeated(name for names in self._names for name in names)
         biases: dict[str, float] = {}
-        for joint, names, one in zip(self.joints, self._names, self._filters, strict=True):
-            keys = [f"{joint}.{name}" if name in shared else name for name in names]
-            channels = [f"{key}.{component}" for key in keys for component in "xy"]
+        for channels, one in zip(self._channel_names, self._filters, strict=True):
             biases.update(zip(channels, one.biases(), strict=False))
         return biases
+
+    @property
+    def _channel_names(self) -> list[list[str]]:
+        """Of the channels of each joint, as in `biases`."""
+        shared = _repeated(name for names in self._names for name in names)
+        return [
+            [f"{joint}.{name}.{c}" if name in shared else f"{name}.{c}" for name in names for c in "xy"]
+            for joint, names in zip(self.joints, self._names, strict=True)
+        ]
 
     def link_velocities(self) -> dict[str, float]:
         """Angular velocities of the links about the joint's axis, rad/s: `<link>`; `<joint>.<link>` of two joints."""

@@ -93,12 +93,10 @@ class ChainMotion:
             m2, m3 = c1 * py + s1 * pz, c1 * pz - s1 * py
             g1, g2 = c3 * wx - s3 * wy, s3 * wx + c3 * wy
             rates += (h * g1 + t * m3 - px, g2 - m2, e * (wz - t * g1 - h * m3))
-            rows += frame.vector(h * c3, -h * s3, 0.0)
-            rows += frame.vector(-1.0, -t * s1, t * c1)
-            rows += frame.vector(s3, c3, 0.0)
-            rows += frame.vector(0.0, -c1, -s1)
-            rows += frame.vector(-e * t * c3, e * t * s3, e)
-            rows += frame.vector(0.0, eh * s1, -eh * c1)
+            one = (h * c3, -h * s3, 0.0, -1.0, -t * s1, t * c1)
+            two = (s3, c3, 0.0, 0.0, -c1, -s1)
+            three = (-e * t * c3, e * t * s3, e, 0.0, eh * s1, -eh * c1)
+            rows += frame.vectors(one + two + three)
             slopes += (-t * m2, h * (t * g1 + h * m3), -eh * g2)
             slopes += (-m3, 0.0, e * g1)
             slopes += (eh * m2, -eh * (h * g1 + t * m3), t * g2)
@@ -145,8 +143,8 @@ class MotionFilter(CoupledFilter):
         super().__init__(*args, **kwargs)
         self._settles = False
         m, both, n = self.m, self.m + self.d, len(self.x)
-        self._transition = np.eye(n)
-        self._by_angles, self._by_biases = self._transition[:m, :m], self._transition[:m, m:both]
+        self._of_angles = np.zeros((m, n))  # rows of the transition
+        self._by_angles, self._by_biases = self._of_angles[:, :m], self._of_angles[:, m:both]
         self._walk = np.zeros(n)  # of every state, per second
         self._walk[m:both] = gyro_walk
         if self._offset_walk is not None:
@@ -171,11 +169,13 @@ class MotionFilter(CoupledFilter):
         np.multiply(self.motion.slopes, dt, out=self._by_angles)
         self._by_angles += self._identity
         np.multiply(rows, -dt, out=self._by_biases)
-        np.matmul(self._transition @ p, self._transition.T, out=p)
-        p[:m, :m] += (rows * (dt * self._gyro_noise)) @ rows.T
+        # only the angles change: their rows of the transition are all that is not identity
+        upper = self._of_angles @ p
+        angles = upper @ self._of_angles.T
+        angles += (rows * (dt * self._gyro_noise)) @ rows.T
+        p[:m], p[m:, :m] = upper, upper[:, m:].T
+        np.multiply(angles + angles.T, 0.5, out=p[:m, :m])
         p.ravel()[:: len(p) + 1] += dt * self._walk
-        p += p.T
-        p *= 0.5
         self._spread(spread)
         if len(self.motion.residuals):
             self._correct_off_axis(dt)

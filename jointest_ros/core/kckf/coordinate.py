@@ -3,6 +3,8 @@
 A sample that is missing for up to `max_gap` is bridged: the rate is held, Hall readings wait, and when the next sample
 comes the angle is corrected by the trapezoid between the two. What is missing for longer is unknown: it adds
 `gap_rate`^2 t^2 to the variance (a rate that keeps for `max_gap` after that), and Hall readings alone carry the angle.
+What was measured just before may have been wrong already (a driver that dies, two streams that the assembler needs a
+tenth of a second to tell apart), and a bias learned from that is unlearned slowly: that of LOOK_BACK before is taken.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from jointest_ros.core.frame import Status
 from jointest_ros.core.timing import Timing
 
 UNKNOWN = math.pi**2  # rad^2, variance of an angle of which nothing is known
+LOOK_BACK = 0.25  # s; what is remembered is once to twice as old
 _TRAPEZOID = 1.0 / 8.0  # share of the change of rate over a bridged gap that is taken as its standard deviation
 _NO_DATA, _GAP, _STALE, _STARTING = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE), int(Status.STARTING)
 _UNOBSERVABLE, _DISTURBED = int(Status.UNOBSERVABLE), int(Status.DISTURBED)
@@ -43,6 +46,7 @@ class Coordinate:
         waiting: Hall readings are not used, a sample may yet come.
         blind: s since the last usable Hall reading.
         started: there was one, or none is expected.
+        lost: with this step it was missing for longer than `max_gap`, for the first time.
     """
 
     def __init__(self, rule: GapRule, hall: bool) -> None:
@@ -57,6 +61,7 @@ class Coordinate:
         self.waiting = False
         self.blind = 0.0
         self.started = not self.hall
+        self.lost = False
 
     def bridge(self, rate: float, dt: float, gap: float) -> tuple[float, float, float, int]:
         """(rate to predict with, shift of the angle rad, added variance rad^2, status) for a step of `dt` s.
@@ -69,6 +74,7 @@ class Coordinate:
             silent, self.missing, self.waiting = self.missing, 0.0, False
             self.rate = rate
             unknown = silent + gap
+            self.lost = silent <= rule.max_gap < unknown
             if unknown <= rule.max_gap:
                 spread = _TRAPEZOID * (rate - held) * unknown
                 return rate, 0.5 * (rate - held) * (silent - gap), spread * spread, 0
@@ -77,6 +83,7 @@ class Coordinate:
             return rate, 0.0, min((rule.gap_rate * unknown) ** 2, UNKNOWN), _GAP if unknown else 0
         before = self.missing
         self.missing = before + dt
+        self.lost = before <= rule.max_gap < self.missing
         flags = _NO_DATA | (_STALE if self.missing > rule.stale_after else 0)
         if self.missing <= rule.max_gap:
             self.waiting = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from jointest_ros.core.kckf.coordinate import Coordinate, GapRule
 from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.joint_bank import Rates
 from jointest_ros.core.kckf.linkage import Linkage
+from jointest_ros.core.learned import GYRO_DRIFT, HALL_DRIFT, Bias
 
 _NO_DATA = int(Status.NO_DATA)
 
@@ -60,6 +61,7 @@ class CoupledBank:
         if known and not gap and not any([c.missing for c in self._coordinates]):
             for coordinate, rate in zip(self._coordinates, joint_rates, strict=True):
                 coordinate.rate = rate
+            self.filter.look(dt)
         else:
             spread = self._bridge(dt, gap, joint_rates, flags)
         readings, used, present = self._nothing, self._unused, self._unused
@@ -114,6 +116,8 @@ class CoupledBank:
             if rates[k] != rates[k]:  # unknown: taken as standing still
                 rates[k] = biases[k]
             coordinate.rate = rates[k]
+        if dt and any([coordinate.lost for coordinate in self._coordinates]):
+            self.filter.look_back()
         return spread if dt else None
 
     def _set_status(self, dt: float, flags: list[int], used: Any, present: Any) -> None:
@@ -149,6 +153,15 @@ class CoupledBank:
         self.status = [int(Status.STARTING)] * len(self.status)
         self._collect()
 
+    def forget(self, coordinate: int) -> None:
+        """See `JointBank`. What coordinates have in common is as doubtful: all start afresh."""
+        self.filter.reset()
+        self._collect()
+
+    def spread(self, coordinate: int, variance: float) -> None:
+        """See `JointBank`."""
+        self.filter.spread(coordinate, variance)
+
     def covariance(self) -> FloatArray:
         """See `JointBank`."""
         m = self.filter.m
@@ -165,6 +178,23 @@ class CoupledBank:
             for name, own in zip(linkage.names, linkage.hall, strict=True):
                 names += [f"{name}.hall_{number}" for number in range(1, len(own) + 1)]
         return dict(zip(names, filter_.x[filter_.m :].tolist(), strict=True))
+
+    def learned(self) -> dict[str, Bias]:
+        """See `JointBank`."""
+        deviations = np.sqrt(self.filter.covariance.diagonal()[self.filter.m :]).tolist()
+        pairs = zip(self.biases().items(), deviations, strict=True)
+        return {name: (value, deviation) for (name, value), deviation in pairs}
+
+    def start_from(self, biases: Mapping[str, Bias]) -> None:
+        """See `JointBank`."""
+        values, deviations = np.array([biases[name] for name in self.biases()]).T
+        covariance = np.diag(deviations**2) + self.filter.drift(GYRO_DRIFT, HALL_DRIFT)
+        usual = self.filter.covariance[self.filter.m :, self.filter.m :]
+        wide = covariance.diagonal() >= usual.diagonal()  # than the usual start: that counts instead
+        values[wide] = 0.0
+        covariance[wide] = usual[wide]
+        covariance[:, wide] = usual[:, wide]
+        self.filter.start_from(values, covariance)
 
     def innovations(self) -> list[float]:
         """See `JointBank`."""

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import get_blas_funcs, get_lapack_funcs
+from scipy.linalg import block_diag, get_blas_funcs, get_lapack_funcs
 
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.kckf.coordinate import LOOK_BACK, UNKNOWN
 from jointest_ros.core.kckf.hall_bank import HallBank
 from jointest_ros.core.kckf.hinge_filter import ITERATE_ABOVE, ITERATIONS, SETTLED
 from jointest_ros.core.kckf.process_noise import ProcessNoise, increments
@@ -84,6 +85,7 @@ class CoupledFilter:
         self.covariance[m : m + d, m : m + d] = bias**2 * self._bias_prior()
         self.covariance[m + d :, m + d :] = offset**2 * np.eye(offsets)
         self._steep = True  # the curve may bend within the prior: readings are taken by Gauss and Newton's iteration
+        self._remember()
         self._unsettle()
 
     def _biases(self) -> int:
@@ -92,8 +94,14 @@ class CoupledFilter:
     def _bias_prior(self) -> FloatArray:
         return self.noise.bias_prior
 
+    def drift(self, bias: float, offset: float) -> FloatArray:
+        """Covariance (k, k) of what biases and offsets change by when each gyro's changes by `bias` rad/s (1 sigma)."""
+        offsets = len(self.x) - self.m - self.d
+        return block_diag(2.0 * bias**2 * self._bias_prior(), offset**2 * np.eye(offsets))
+
     def restart(self) -> None:
-        """Start the angles afresh; what is known of biases and offsets is kept."""
+        """Start the angles afresh; what was known of biases and offsets shortly before is kept."""
+        self.look_back()
         m = self.m
         self.x[..., :m] = 0.0
         self.covariance[:m] = 0.0
@@ -108,6 +116,44 @@ class CoupledFilter:
         self._settled: tuple[FloatArray, FloatArray] | None = None  # gain and whitening of the innovation
         self._whitened: FloatArray = np.empty((0, 1))
         self._used: NDArray[np.bool_] = np.zeros(len(self._coordinate), dtype=bool)
+
+    def start_from(self, values: FloatArray, covariance: FloatArray) -> None:
+        """Before the first step: prior (k), (k, k) of biases and offsets, in the units of the state."""
+        m = self.m
+        self.x[m:] = values
+        self.covariance[m:, m:] = covariance
+        self._remember()
+        self._unsettle()
+
+    def _remember(self) -> None:
+        """What is known of biases and offsets is all that was known of late."""
+        self._earlier = (self._slow_states(),) * 2  # two looks back, see `Coordinate`
+        self._age = 0.0  # s since the newer one
+
+    def _slow_states(self) -> tuple[FloatArray, FloatArray]:
+        m = self.m
+        return self.x[..., m:].copy(), self.covariance[m:, m:].copy()
+
+    def look(self, dt: float) -> None:
+        """Remember biases and offsets now and then; before a step of `dt` s with all gyros."""
+        self._age += dt
+        if self._age >= LOOK_BACK:
+            self._earlier, self._age = (self._earlier[1], self._slow_states()), 0.0
+
+    def look_back(self) -> None:
+        """What was learned of biases and offsets of late is doubtful: take what was known before."""
+        m = self.m
+        self.x[..., m:], self.covariance[m:, m:] = self._earlier[0]
+        self.covariance[:m, m:] = 0.0
+        self.covariance[m:, :m] = 0.0
+        self._unsettle()
+
+    def spread(self, angle: int, variance: float) -> None:
+        """An angle is less sure by so much, rad^2."""
+        before = self.covariance[angle, angle]
+        self.covariance[angle, angle] = max(before, min(before + variance, UNKNOWN))
+        self._steep = True
+        self._unsettle()
 
     # ------------------------------------------------------------- step
 
@@ -276,7 +322,8 @@ class CoupledFilter:
 
     def get_state(self) -> dict[str, Any]:
         """All that changes."""
-        return {"x": self.x.tolist(), "covariance": self.covariance.tolist()}
+        earlier = [[x.tolist(), covariance.tolist()] for x, covariance in self._earlier]
+        return {"x": self.x.tolist(), "covariance": self.covariance.tolist(), "earlier": earlier, "age": self._age}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
@@ -284,3 +331,6 @@ class CoupledFilter:
         self._steep = True
         self.x = np.array(state["x"], dtype=self._dtype)
         self.covariance = np.array(state["covariance"], dtype=self._dtype)
+        (x, p), (newer_x, newer_p) = state["earlier"]
+        arrays: list[FloatArray] = [np.array(one, dtype=self._dtype) for one in (x, p, newer_x, newer_p)]
+        self._earlier, self._age = ((arrays[0], arrays[1]), (arrays[2], arrays[3])), state["age"]

@@ -7,18 +7,20 @@ difference of the last and the first gyro, as in (10).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import Estimate, Frame, Recording, Series, Status, Vec3
-from jointest_ros.core.kckf.coordinate import GapRule
+from jointest_ros.core.kckf.coordinate import UNKNOWN, GapRule
 from jointest_ros.core.kckf.hinge_filter import HingeFilter
 from jointest_ros.core.kckf.joint_bank import HingeBank, JointBank
 from jointest_ros.core.kckf.linkage import gyro_linkage
 from jointest_ros.core.kckf.linkage_estimator import GAP_RATE_TEXT, KINEMATICS, KINEMATICS_TEXT, LinkageEstimator
 from jointest_ros.core.kckf.linkage_rates import ComposedRates
 from jointest_ros.core.kckf.process_noise import ProcessNoise
+from jointest_ros.core.learned import GYRO_DRIFT, Bias, Learned, by_axis, fingerprint, of_axes
 from jointest_ros.core.params import Params, param
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.stillness import Stillness
@@ -50,6 +52,7 @@ class Gyro(LinkageEstimator):
     """
 
     name = "gyro"
+    fuses_hall = False
     Params = GyroParams
     params: GyroParams
 
@@ -58,7 +61,9 @@ class Gyro(LinkageEstimator):
         linkage = gyro_linkage(robot)
         composed = chosen.kinematics == "composed"
         by_links = composed and not linkage.hinges_only
-        super().__init__(robot, chosen, timing, linkage, composed, by_links, gyro_torso=True)
+        super().__init__(
+            robot, chosen, timing, linkage, composed, by_links, gyro_torso=True, gap_rate_dps=chosen.gap_rate_dps
+        )
 
     def _make_bank(self) -> JointBank:
         noise = ProcessNoise.physical(self.linkage)
@@ -73,19 +78,47 @@ class Gyro(LinkageEstimator):
         return HingeBank(self.linkage, self._hinges, len(self.robot.hall), rates_of)
 
     def reset(self) -> None:
-        """Forget everything but parameters, the biases too."""
-        super().reset()
+        """Forget everything of this run, the biases too."""
         self._bias: dict[str, Vec3] = {}  # by gyro, rad/s, sensor frame; subtracted from the inputs
+        self._measured = 0.0  # s of rest behind them; 0: they are of an earlier run
+        super().reset()
         p = self.params
-        names = tuple(gyro.name for gyro in self.linkage.gyros)
         still, largest = math.radians(p.still_gyro_dps), math.radians(p.largest_bias_dps)
-        self.stillness = Stillness(names, still, math.inf, largest, accel=False)
+        self.stillness = Stillness(self._names, still, math.inf, largest, accel=False)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple([gyro.name for gyro in self.linkage.gyros])
+
+    def _start_warm(self) -> None:
+        """Start from the gyro biases of an earlier run."""
+        known = self._learned_before([f"{name}.{axis}" for name in self._names for axis in "xyz"])
+        if known is None:
+            return
+        self._bias = {name: of_axes(name, known.biases) for name in self._names}
+        own = max(deviation for _, deviation in known.biases.values())
+        for hinge in self._hinges:
+            hinge.start_from(0.0, 2.0 * (own**2 + GYRO_DRIFT**2))
+
+    def learned(self) -> Learned | None:
+        """Gyro biases measured at rest."""
+        if not self._bias:
+            return None
+        if not self._measured:
+            return self.robot.learned[self.name]
+        biases: dict[str, Bias] = {}
+        for gyro in self.linkage.gyros:
+            biases |= by_axis(gyro.name, self._bias[gyro.name], gyro.gyro_noise / math.sqrt(self._measured))
+        return Learned(fingerprint(self.robot), biases)
 
     def update(self, frame: Frame) -> Estimate:
         """Integrate the frame's gyros."""
         self.stillness.update(frame)
+        return super().update(frame)
+
+    def _update(self, frame: Frame, saturated: Sequence[int]) -> Estimate:
         if not self._bias:
-            estimate = super().update(frame)
+            estimate = super()._update(frame, saturated)
             estimate.status = tuple([flags | Status.UNCALIBRATED for flags in estimate.status])
             return estimate
         gyro = dict(frame.gyro)
@@ -93,18 +126,21 @@ class Gyro(LinkageEstimator):
             if name in gyro:
                 u, v, w = gyro[name]
                 gyro[name] = (u - x, v - y, w - z)
-        return super().update(replace(frame, gyro=gyro))
+        return super()._update(replace(frame, gyro=gyro), saturated)
 
     def run(self, recording: Recording) -> Series:
         """Estimates of a stretch of frames. Equals `update` in a loop."""
         for _ in self.stillness.run(recording):
             pass
+        return super().run(recording)
+
+    def _run(self, recording: Recording, saturated: Sequence[Sequence[int]]) -> Series:
         if not self._bias:
-            series = super().run(recording)
+            series = super()._run(recording, saturated)
             series.status |= int(Status.UNCALIBRATED)
             return series
         gyro = {name: rates - self._bias.get(name, (0.0, 0.0, 0.0)) for name, rates in recording.gyro.items()}
-        return super().run(replace(recording, gyro=gyro))
+        return super()._run(replace(recording, gyro=gyro), saturated)
 
     def calibrate_gyro_bias(self) -> None:
         """Take the means of the present still phase as gyro biases.
@@ -114,6 +150,7 @@ class Gyro(LinkageEstimator):
         """
         self._require_stillness()
         self._bias, _ = self.stillness.means()
+        self._measured = self.stillness.duration
         for hinge, white in zip(self._hinges, self._white, strict=True):
             hinge.var_bias, hinge.covariance = white / self.stillness.duration, 0.0
 
@@ -125,8 +162,14 @@ class Gyro(LinkageEstimator):
         """
         self._require_stillness()
         last = self._last
-        self._restart()
+        super()._restart()
         self._last = last
+
+    def _restart(self) -> None:
+        """After a jump of the clock: from zero again, though nobody knows the pose."""
+        super()._restart()
+        for hinge in self._hinges:
+            hinge.var_angle = UNKNOWN
 
     def _require_stillness(self) -> None:
         if self.stillness.duration <= 0.0:
@@ -140,9 +183,11 @@ class Gyro(LinkageEstimator):
 
     def get_state(self) -> dict[str, Any]:
         """The whole state but for the still window of the moment."""
-        return super().get_state() | {"bias": {name: list(bias) for name, bias in self._bias.items()}}
+        bias = {name: list(bias) for name, bias in self._bias.items()}
+        return super().get_state() | {"bias": bias, "measured": self._measured}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue identically from what `get_state` returned."""
         super().set_state(state)
         self._bias = {name: (x, y, z) for name, (x, y, z) in state["bias"].items()}
+        self._measured = state["measured"]

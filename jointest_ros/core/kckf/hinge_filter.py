@@ -16,7 +16,7 @@ from typing import Any
 
 from jointest_ros.core.frame import Status
 from jointest_ros.core.hall_sensor import HallSensor
-from jointest_ros.core.kckf.coordinate import Coordinate, GapRule
+from jointest_ros.core.kckf.coordinate import LOOK_BACK, Coordinate, GapRule
 from jointest_ros.core.kckf.process_noise import increments
 
 # Above this variance, (3 deg)^2, the curve bends within the prior: a reading is taken by Gauss and Newton's iteration,
@@ -25,7 +25,7 @@ ITERATE_ABOVE = math.radians(3.0) ** 2
 ITERATIONS = 20
 SETTLED = 1e-10  # rad
 _NO_DATA = int(Status.NO_DATA)
-_STATE = ("angle", "bias", "var_angle", "covariance", "var_bias", "velocity", "status")
+_STATE = ("angle", "bias", "var_angle", "covariance", "var_bias", "velocity", "status", "age")
 
 
 class HingeFilter(Coordinate):
@@ -55,22 +55,41 @@ class HingeFilter(Coordinate):
             variance = hall.variance if self._volts else hall_sigma**2
             self._sensors.append((number, index, hall.sign, hall.offset, variance, low, high, hall.table))
         self._dt = math.nan
+        self.bias, self.var_bias = 0.0, start[1]
+        self._remember()
         super().__init__(rule, bool(sensors))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.bias, self.var_bias = 0.0, self._start[1]
         self.gated = [0] * len(self._sensors)
         self.innovations = [math.nan] * len(self._sensors)  # normalised, of the newest step; NaN: not used
+        self.forget()
+
+    def forget(self) -> None:
+        """Start angle and bias afresh."""
+        self.bias, self.var_bias = 0.0, self._start[1]
+        self._remember()
         self.restart()
 
+    def _remember(self) -> None:
+        """What is known of the bias is all that was known of late."""
+        self.earlier = ((self.bias, self.var_bias),) * 2  # two looks back, see `Coordinate`
+        self.age = 0.0  # s since the newer one
+
     def restart(self) -> None:
-        """Start the angle afresh; what is known of the bias is kept."""
+        """Start the angle afresh; what was known of the bias shortly before is kept."""
         super().restart()
+        self.bias, self.var_bias = self.earlier[0]
         self.angle, self.velocity = 0.0, 0.0
         self.var_angle, self.covariance = self._start[0], 0.0
         self.status = int(Status.STARTING)
+
+    def start_from(self, bias: float, variance: float) -> None:
+        """Before the first frame: what is known of the bias (rad/s), where that is more than the usual start knows."""
+        if variance < self.var_bias:
+            self.bias, self.var_bias = bias, variance
+            self._remember()
 
     def step(self, dt: float, gap: float, rate: float, hall: Sequence[float] | None) -> None:
         """Predict over `dt` s (0: the first frame) with the gyro, then correct with the Hall voltages of the frame.
@@ -85,10 +104,15 @@ class HingeFilter(Coordinate):
                 rate, shift, spread, flags = self.bridge(rate, dt, gap)
                 angle += shift
                 paa += spread
+                if self.lost:
+                    (bias, pbb), pab = self.earlier[0], 0.0
                 if rate != rate:  # unknown: taken as standing still
                     rate = self.rate = bias
             else:
                 self.rate = rate
+                self.age += dt
+                if self.age >= LOOK_BACK:
+                    self.earlier, self.age = (self.earlier[1], (bias, pbb)), 0.0
             if dt != self._dt:
                 self._dt = dt
                 self._q_angle, self._q_cross, self._q_bias = increments(*self._noise, dt)
@@ -101,9 +125,10 @@ class HingeFilter(Coordinate):
         else:
             flags = _NO_DATA
         used = present = False
+        innovations = self.innovations
         for number, index, sign, offset, variance, low, high, table in self._sensors:
             reading = hall[index] if hall is not None else math.nan
-            self.innovations[number] = math.nan
+            innovations[number] = math.nan
             if reading != reading or self.waiting:
                 continue
             present = True
@@ -133,7 +158,7 @@ class HingeFilter(Coordinate):
             pbb -= kb * h * pab
             pab -= ka * h * pab
             paa -= ka * h * paa
-            self.innovations[number] = innovation / math.sqrt(total)
+            innovations[number] = innovation / math.sqrt(total)
         if used:
             self.blind, self.started = 0.0, True
         else:
@@ -148,11 +173,14 @@ class HingeFilter(Coordinate):
             list(self.gated),
             list(self.innovations),
             *(getattr(self, name) for name in _STATE),
+            [list(one) for one in self.earlier],
         ]
 
     def set_state(self, state: list[Any]) -> None:
         """Continue from `get_state`."""
         super().set_state(state[:5])
         self.gated, self.innovations = list(state[5]), list(state[6])
-        for name, value in zip(_STATE, state[7:], strict=True):
+        for name, value in zip(_STATE, state[7:-1], strict=True):
             setattr(self, name, value)
+        (bias, variance), (newer_bias, newer_variance) = state[-1]
+        self.earlier = (bias, variance), (newer_bias, newer_variance)

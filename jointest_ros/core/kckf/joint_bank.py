@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray, Vec3
+from jointest_ros.core.kckf.coordinate import UNKNOWN
 from jointest_ros.core.kckf.hinge_filter import HingeFilter
 from jointest_ros.core.kckf.linkage import Linkage
+from jointest_ros.core.learned import GYRO_DRIFT, Bias
 
 Rates = Callable[[Sequence[Vec3], Sequence[float]], list[float]]
 
@@ -35,12 +38,28 @@ class JointBank(Protocol):
         """Start the angles afresh; keep what is known of biases and offsets."""
         ...
 
+    def forget(self, coordinate: int) -> None:
+        """What is known of a coordinate is wrong: start its angle and bias afresh."""
+        ...
+
+    def spread(self, coordinate: int, variance: float) -> None:
+        """The angle of a coordinate is less sure by so much, rad^2."""
+        ...
+
     def covariance(self) -> FloatArray:
         """(m, m) rad^2."""
         ...
 
     def biases(self) -> dict[str, float]:
         """By name, rad/s and V."""
+        ...
+
+    def learned(self) -> dict[str, Bias]:
+        """`biases` with their standard deviations."""
+        ...
+
+    def start_from(self, biases: Mapping[str, Bias]) -> None:
+        """Before the first frame: what another one has `learned`, as a prior (learned.py)."""
         ...
 
     def innovations(self) -> list[float]:
@@ -90,6 +109,16 @@ class HingeBank:
             one.restart()
         self._collect()
 
+    def forget(self, coordinate: int) -> None:
+        """See `JointBank`."""
+        self.filters[coordinate].forget()
+        self._collect()
+
+    def spread(self, coordinate: int, variance: float) -> None:
+        """See `JointBank`."""
+        one = self.filters[coordinate]
+        one.var_angle = max(one.var_angle, min(one.var_angle + variance, UNKNOWN))
+
     def covariance(self) -> FloatArray:
         """See `JointBank`: no two are correlated."""
         return np.diag(self.variances)
@@ -97,6 +126,17 @@ class HingeBank:
     def biases(self) -> dict[str, float]:
         """Differences of gyro biases along the axis, child minus parent, by coordinate."""
         return {f"{name}.gyro": one.bias for name, one in zip(self._linkage.names, self.filters, strict=True)}
+
+    def learned(self) -> dict[str, Bias]:
+        """See `JointBank`."""
+        pairs = zip(self._linkage.names, self.filters, strict=True)
+        return {f"{name}.gyro": (one.bias, math.sqrt(one.var_bias)) for name, one in pairs}
+
+    def start_from(self, biases: Mapping[str, Bias]) -> None:
+        """See `JointBank`."""
+        for name, one in zip(self._linkage.names, self.filters, strict=True):
+            value, deviation = biases[f"{name}.gyro"]
+            one.start_from(value, deviation**2 + 2.0 * GYRO_DRIFT**2)
 
     def _by_sensor(self, rows: Sequence[Sequence[Any]], nothing: Any) -> list[Any]:
         whole = [nothing] * self._sensors

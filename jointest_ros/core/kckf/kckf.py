@@ -73,7 +73,16 @@ class Kckf(LinkageEstimator):
         chosen = params or KckfParams()
         linkage = serial_linkage(robot)
         by_links = chosen.off_axis or (chosen.composed and not linkage.hinges_only)
-        super().__init__(robot, chosen, timing, linkage, chosen.composed, by_links, gyro_torso=False)
+        super().__init__(
+            robot,
+            chosen,
+            timing,
+            linkage,
+            chosen.composed,
+            by_links,
+            gyro_torso=False,
+            gap_rate_dps=chosen.gap_rate_dps,
+        )
 
     def _make_bank(self) -> JointBank:
         p, linkage = self.params, self.linkage

@@ -30,7 +30,9 @@ class Kf(LinkageEstimator):
         chosen = params or FusionParams()
         linkage = serial_linkage(robot)
         by_links = chosen.composed and not linkage.hinges_only
-        super().__init__(robot, chosen, timing, linkage, chosen.composed, by_links, gyro_torso=True)
+        super().__init__(
+            robot, chosen, timing, linkage, chosen.composed, by_links, gyro_torso=True, gap_rate_dps=chosen.gap_rate_dps
+        )
 
     def _make_bank(self) -> JointBank:
         noise = self.params.process_noise(self.linkage).without_constraint()

@@ -113,16 +113,16 @@ class JointFrame:
         """Of a vector given in link axes."""
         return a if self.basis is None else (dot(self.basis[0], a), dot(self.basis[1], a), dot(self.basis[2], a))
 
-    def vector(self, x: float, y: float, z: float) -> Vec3:
-        """In link axes, of components."""
+    def vectors(self, components: Sequence[float]) -> Sequence[float]:
+        """In link axes, of the components of one vector after the other."""
         if self.basis is None:
-            return (x, y, z)
-        a, b, c = self.basis
-        return (
-            a[0] * x + b[0] * y + c[0] * z,
-            a[1] * x + b[1] * y + c[1] * z,
-            a[2] * x + b[2] * y + c[2] * z,
-        )
+            return components
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self.basis
+        turned: list[float] = []
+        for k in range(0, len(components), 3):
+            x, y, z = components[k : k + 3]
+            turned += (ax * x + bx * y + cx * z, ay * x + by * y + cy * z, az * x + bz * y + cz * z)
+        return turned
 
 
 class ComposedRates:

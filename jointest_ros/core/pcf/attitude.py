@@ -219,8 +219,10 @@ def zero_rotation(axes: tuple[Vec3, ...], parent_accel: Vec3, child_accel: Vec3)
 
 def lever(axis: Vec3, accel: Vec3) -> float:
     """Squared sine of the angle between a unit `axis` and the measured gravity; 0 without gravity."""
-    length2 = dot(accel, accel)
-    return 1.0 - dot(axis, accel) ** 2 / length2 if length2 > 0.0 else 0.0
+    x, y, z = accel
+    length2 = x * x + y * y + z * z
+    along = axis[0] * x + axis[1] * y + axis[2] * z
+    return 1.0 - along * along / length2 if length2 > 0.0 else 0.0
 
 
 def _turn_about(axis: Vec3, turned: Quat) -> float:

@@ -29,13 +29,19 @@ from jointest_ros.core.pcf.pair import START_VARIANCE, UNKNOWN_VARIANCE, JointOu
 from jointest_ros.core.pcf.settings import HingeNoise
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import wrap
+from jointest_ros.core.saturated_gyros import SaturatedGyros
 
 Row = tuple[float, float, float, float]  # dt s, rate rad/s, angle rad, its variance rad^2 (infinite: none)
 Columns = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]  # position, velocity, variance, status, (T,)
 
-_STATE = ("stamp", "rate", "lever", "q", "b", "p00", "p01", "p11", "zero", "status")
+_STATE = ("stamp", "rate", "lever", "q", "b", "p00", "p01", "p11", "zero", "strayed", "status")
 _STARTING, _GAP, _UNOBSERVABLE = int(Status.STARTING), int(Status.GAP), int(Status.UNOBSERVABLE)
 _NO_DATA, _STALE, _DISTURBED = int(Status.NO_DATA), int(Status.STALE), int(Status.DISTURBED)
+# A filter that is sure of a wrong angle, after a fault, takes many seconds to return: where the accelerometers
+# contradict it by so much in the mean, the angle is as good as unknown; nor does such an innovation tell of the bias.
+# Accelerations of links contradict by less, and in turns: the means of real recordings stay below 2.5 deg. An IMU that
+# slips is noticed before (pair_checks.py). Magnetometers may be wrong for long.
+_ASTRAY = math.radians(15.0)  # rad, of the mean over 1 s
 _LEAST_DENSITY2 = 1e-16  # of noise densities squared, where somebody states that a sensor has none
 _BLOCK = 2048  # rows: their Python floats stay in the cache, and the sums over less than 700 s in `_noises` finite
 
@@ -48,14 +54,17 @@ class HingeFilter:
     def __init__(self, joint: Joint, parent: Sensor, child: Sensor, noise: HingeNoise, gaps: Gaps) -> None:
         self.joint, self.parent, self.child, self.noise, self.gaps = joint, parent.name, child.name, noise, gaps
         self.inputs = HingeInputs(joint, parent, child, noise, gaps)
+        self._saturation = SaturatedGyros((parent, child), gaps.gap_rate)
         self._gyro_density2 = max(parent.gyro_noise**2 + child.gyro_noise**2, _LEAST_DENSITY2)
         self._accel_density2 = max(parent.accel_noise**2 + child.accel_noise**2, _LEAST_DENSITY2)
         # The lever is g^2 times the squared sine of the angle between axis and gravity.
+        self._astray = math.inf if noise.mag_weight else _ASTRAY
         self._least_lever = (STANDARD_GRAVITY * math.sin(noise.gravity_cone)) ** 2
         low, high = joint.limits[0] if joint.limits else (-math.pi, math.pi)
         self._middle = 0.5 * (low + high)
         # rad from the middle; beyond it the angle is on another branch
         self._reach = max(math.pi, 0.5 * (high - low)) if joint.limits else math.inf
+        self._bias_walk2 = noise.bias_walk**2
         self.zero = 0.0  # rad, what the accelerometers read at the zero pose
         self.innovation = math.nan  # rad, of the latest correction
         self.innovation_variance = math.nan  # rad^2
@@ -71,9 +80,11 @@ class HingeFilter:
         """Start the angle afresh from the next frame; what is known of the bias is kept."""
         self.stamp = None
         self.rate = 0.0
+        self.strayed = 0.0  # rad, mean innovation of late
         self.lever = 0.0  # (m/s^2)^2, smoothed over 1 s: else an accelerating link lets in just the disturbed samples
         self.status = _STARTING
         self.p00, self.p01 = UNKNOWN_VARIANCE, 0.0
+        self._saturation.time = 0.0
         self.inputs.restart()
 
     # ------------------------------------------------------------- steps
@@ -83,11 +94,11 @@ class HingeFilter:
 
         One loop for one sample and for many: the state is in local variables, which is what makes many cheap.
         """
-        gyro_density2, bias_walk2 = self._gyro_density2, self.noise.bias_walk**2
+        gyro_density2, bias_walk2 = self._gyro_density2, self._bias_walk2
         lowest, highest = self._middle - self._reach, self._middle + self._reach
-        half_turn, less_half_turn, infinite = math.pi, -math.pi, math.inf
+        half_turn, less_half_turn, infinite, astray = math.pi, -math.pi, math.inf, self._astray
         q, b, p00, p01, p11 = self.q, self.b, self.p00, self.p01, self.p11
-        innovation, total = self.innovation, self.innovation_variance
+        innovation, total, strayed = self.innovation, self.innovation_variance, self.strayed
         angles: list[float] = []
         biases: list[float] = []
         variances: list[float] = []
@@ -101,11 +112,15 @@ class HingeFilter:
                 innovation = angle - q
                 if not less_half_turn <= innovation <= half_turn:
                     innovation = wrap(innovation)
+                strayed += (innovation - strayed) * (dt if dt < 1.0 else 1.0)
+                if not -astray <= strayed <= astray:
+                    p00, p01, strayed = p00 + strayed * strayed, 0.0, 0.0
                 total = p00 + noise2
                 k1, kept = p01 / total, noise2 / total
                 q += p00 / total * innovation
-                b += k1 * innovation
-                p11 -= k1 * p01
+                if -astray <= innovation <= astray:
+                    b += k1 * innovation
+                    p11 -= k1 * p01
                 p01 *= kept
                 p00 *= kept
                 if not lowest <= q <= highest:
@@ -118,16 +133,20 @@ class HingeFilter:
             biases.append(b)
             variances.append(p00)
         self.q, self.b, self.p00, self.p01, self.p11 = q, b, p00, p01, p11
-        self.innovation, self.innovation_variance = innovation, total
+        self.innovation, self.innovation_variance, self.strayed = innovation, total, strayed
         return angles, biases, variances
 
-    def step(self, stamp: int, period: float, rate: float, angle: float, lever: float) -> None:
-        """One sample, whatever came before it."""
+    def step(self, stamp: int, period: float, rate: float, angle: float, lever: float, saturated: bool = False) -> None:
+        """One sample, whatever came before it; `saturated`: a gyro is."""
         if self.stamp is None:
             self._start(period, angle, lever)
         else:
             dt = (stamp - self.stamp) * 1e-9
             sample, self.status = (dt, 0) if dt <= 1.5 * period else self._bridge(dt, period, rate)
+            if saturated:
+                self.p00 = min(self.p00 + self._saturation.spread(dt), UNKNOWN_VARIANCE)
+            else:
+                self._saturation.time = 0.0
             self.lever += (lever - self.lever) * min(dt, 1.0)
             noise2 = math.inf
             if self.lever > self._least_lever and lever > 0.0:
@@ -135,6 +154,8 @@ class HingeFilter:
             else:
                 self.status |= _UNOBSERVABLE
             self.filter(((dt, rate, angle - self.zero, noise2),))
+        if saturated:
+            self.status |= _DISTURBED
         self.stamp, self.rate = stamp, rate
 
     def _start(self, period: float, angle: float, lever: float) -> None:
@@ -166,7 +187,8 @@ class HingeFilter:
         if inputs is None:
             q, velocity, variance, status = self._extrapolate(frame.stamp)
             return (q,), (velocity,), (variance,), (status,)
-        self.step(frame.stamp, frame.period, *inputs)
+        saturated = bool(self._saturation) and self._saturation.any(frame.gyro)
+        self.step(frame.stamp, frame.period, *inputs, saturated)
         if self.inputs.disturbed:
             self.status |= _DISTURBED
         return (self.q,), (self.rate - self.b,), (self.p00,), (self.status,)
@@ -211,11 +233,15 @@ class HingeFilter:
         regular = (elapsed <= 1.5 * period) & (elapsed < 0.25)
         if self.stamp is None:
             regular[0] = False
+        saturated = self._saturation.rows(recording.gyro, length)
+        regular &= ~saturated
         rate, angle, lever = self.inputs.read_batch(recording, self.stamp)
         position, variance = np.empty(length), np.empty(length)
         bias, status = np.empty(length), np.empty(length, dtype=np.int64)
         row = 0
         for odd in (*np.flatnonzero(~regular).tolist(), length):
+            if row < odd:
+                self._saturation.time = 0.0
             while row < odd:
                 stop = min(row + _BLOCK, odd)
                 part = slice(row, stop)
@@ -231,7 +257,8 @@ class HingeFilter:
                 self.stamp, self.rate, self.status = int(stamps[stop - 1]), float(rate[stop - 1]), int(status[stop - 1])
                 row = stop
             if odd < length:
-                self.step(int(stamps[odd]), float(period[odd]), float(rate[odd]), float(angle[odd]), float(lever[odd]))
+                sample = float(period[odd]), float(rate[odd]), float(angle[odd]), float(lever[odd])
+                self.step(int(stamps[odd]), *sample, bool(saturated[odd]))
                 position[odd], bias[odd], variance[odd], status[odd] = self.q, self.b, self.p00, self.status
                 row = odd + 1
         return position, rate - bias, variance, status
@@ -250,13 +277,15 @@ class HingeFilter:
 
     def get_state(self) -> dict[str, Any]:
         """All that changes, as plain numbers and lists."""
-        return {name: getattr(self, name) for name in _STATE} | {"inputs": self.inputs.get_state()}
+        state = {name: getattr(self, name) for name in _STATE}
+        return state | {"inputs": self.inputs.get_state(), "saturated": self._saturation.time}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
         for name in _STATE:
             setattr(self, name, state[name])
         self.inputs.set_state(state["inputs"])
+        self._saturation.time = state["saturated"]
 
     @property
     def sensors(self) -> tuple[str, str]:
@@ -269,10 +298,19 @@ class HingeFilter:
 
     # ------------------------------------------------------------- calibrations
 
-    def set_bias(self, gyro: dict[str, Vec3]) -> None:
-        """Gyro biases measured at rest, rad/s by sensor."""
+    @property
+    def zero_pose(self) -> tuple[float, ...]:
+        """What the accelerometers read at the zero pose, rad."""
+        return (self.zero,)
+
+    def take_zero_pose(self, numbers: tuple[float, ...]) -> None:
+        """Before the first frame: `zero_pose` of an earlier run."""
+        (self.zero,) = numbers
+
+    def set_bias(self, gyro: dict[str, Vec3], deviation: float) -> None:
+        """Gyro biases measured at rest, rad/s by sensor, and the standard deviation of their difference."""
         self.b = self.inputs.set_bias(gyro)
-        self.p01, self.p11 = 0.0, self.noise.calibrated_bias_std**2
+        self.p01, self.p11 = 0.0, deviation**2
 
     def set_zero(self, accel: dict[str, Vec3]) -> None:
         """The present pose is the zero pose; mean accelerometers by sensor, m/s^2.

@@ -26,6 +26,7 @@ from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps, Imu, bridge
 from jointest_ros.core.pcf.settings import NO_SMOOTHING, Smoothing
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import IDENTITY, conjugate, dot, multiply, rotate, rotate_inverse, wrap
+from jointest_ros.core.saturated_gyros import SaturatedGyros
 
 UNKNOWN_VARIANCE = math.pi**2 / 3.0  # rad^2, of an angle of which nothing is known
 START_VARIANCE = 0.25  # rad^2, of the first angle: it may be taken while the robot moves
@@ -55,6 +56,7 @@ class _Pair:
         self._gyro_density2 = parent.gyro_noise**2 + child.gyro_noise**2
         accel2 = (parent.accel_noise**2 + child.accel_noise**2) / STANDARD_GRAVITY**2
         self._correction_density2 = (gains.kp**2 + gains.ki) * accel2
+        self._saturation = SaturatedGyros((parent, child), gaps.gap_rate)
         self._take_zero(IDENTITY)
         self.restart()
 
@@ -63,6 +65,8 @@ class _Pair:
         n = len(self.joint.axes)
         self.stamp = self.mag_stamp = None
         self.disturbed = False
+        self._saturated, self._saturation.time = False, 0.0
+        self._added = 0.0  # rad^2, to every variance at the newest step, by what nobody measured
         self.field = STILL
         self.position, self.velocity, self.variance = (0.0,) * n, (0.0,) * n, (UNKNOWN_VARIANCE,) * n
         self.status = (_STARTING,) * n
@@ -75,11 +79,13 @@ class _Pair:
     def get_state(self) -> dict[str, Any]:
         """All that changes, as plain numbers."""
         lists = {name: list(getattr(self, name)) for name in _LISTS}
-        return {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "disturbed": self.disturbed, **lists}
+        state = {"stamp": self.stamp, "mag_stamp": self.mag_stamp, "disturbed": self.disturbed, **lists}
+        return state | {"saturated": self._saturation.time}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from `get_state`."""
         self.stamp, self.mag_stamp, self.disturbed = state["stamp"], state["mag_stamp"], state["disturbed"]
+        self._saturation.time = state["saturated"]
         for name in _LISTS:
             setattr(self, name, tuple(state[name]))
         self._take_zero(self.zero)
@@ -92,6 +98,16 @@ class _Pair:
         self.at_zero = multiply(conjugate(self.parent.mounting), child)  # R_o
         self._from_zero = conjugate(self.at_zero)
         self.axes = tuple(rotate_inverse(child, axis) for axis in self.joint.axes)  # in the child's sensor
+
+    @property
+    def zero_pose(self) -> tuple[float, ...]:
+        """Rotation child link to parent link at the zero pose, x, y, z, w."""
+        return self.zero
+
+    def take_zero_pose(self, numbers: tuple[float, ...]) -> None:
+        """Before the first frame: `zero_pose` of an earlier run."""
+        x, y, z, w = numbers
+        self._take_zero((x, y, z, w))
 
     def set_zero(self, accel: dict[str, Vec3]) -> None:
         """The present pose is the zero pose; mean accelerometers by sensor, m/s^2."""
@@ -119,6 +135,11 @@ class _Pair:
         flags, gap = _DISTURBED if self.disturbed else 0, 0.0
         if elapsed > self.gaps.max_gap:
             flags, gap = flags | _GAP, self.gaps.spread(elapsed)
+        if self._saturated:
+            flags, gap = flags | _DISTURBED, gap + self._saturation.spread(elapsed)
+        else:
+            self._saturation.time = 0.0
+        self._added = gap
         decay, noise, correction = self.gains.kp * elapsed, self._gyro_density2, self._correction_density2
         position, variance, status = [], [], []
         for i, s2 in enumerate(levers):
@@ -194,6 +215,7 @@ class RelativePair(_Pair):
         one, two = self._imu1.read(frame, since, STILL), self._imu2.read(frame, since, one_filter.integral)
         if one is None or two is None:
             return self._extrapolate(frame.stamp)
+        self._saturated = bool(self._saturation) and self._saturation.any(frame.gyro)
         (w1, a1), (w2, a2) = one, two
         measured = elapsed if elapsed <= 1.5 * frame.period else gaps.measured(elapsed, frame.period)
         mean1, mean2, turned = w1, w2, elapsed
@@ -218,8 +240,8 @@ class RelativePair(_Pair):
         self._imu1.before, self._imu2.before = w1, w2
         return self._output(frame.stamp, one_filter.rotation, rate, a2, elapsed)
 
-    def set_bias(self, gyro: dict[str, Vec3]) -> None:
-        """Gyro biases measured at rest, rad/s by sensor."""
+    def set_bias(self, gyro: dict[str, Vec3], deviation: float) -> None:
+        """Gyro biases measured at rest, rad/s by sensor; their standard deviation does not count here."""
         self._imu1.bias, self._imu2.bias = gyro[self.parent.name], gyro[self.child.name]
         self.filter.integral = STILL
 
@@ -283,6 +305,7 @@ class AbsolutePair(_Pair):
         one, two = self._one, self._two
         if one.stamp != frame.stamp or two.stamp != frame.stamp:
             return self._extrapolate(frame.stamp)
+        self._saturated = bool(self._saturation) and self._saturation.any(frame.gyro)
         a2 = frame.accel[self.child.name]
         elapsed = 0.0 if self.stamp is None else (frame.stamp - self.stamp) * 1e-9
         if self.stamp is None or (len(self.axes) == 1 and elapsed > self.gaps.max_gap):
@@ -305,7 +328,7 @@ class AbsolutePair(_Pair):
         for imu in (self._two, *self._below):
             imu.attitude.rotation = multiply(turn, imu.attitude.rotation)
 
-    def set_bias(self, gyro: dict[str, Vec3]) -> None:
+    def set_bias(self, gyro: dict[str, Vec3], deviation: float) -> None:
         """The estimator sets the biases of the single IMUs."""
 
     def set_zero(self, accel: dict[str, Vec3]) -> None:

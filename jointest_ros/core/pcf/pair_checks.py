@@ -33,6 +33,12 @@ TILT_TIME = 5.0  # s
 # Real hinges with an uncalibrated MPU6050, moving at up to 170 deg/s, reach 2 deg.
 RESIDUAL_LIMIT = math.radians(3.5)
 TILT_LIMIT = math.radians(5.0)
+# An IMU that slips by 45 deg in simulation adds up to 56; a reversed gyro to 230, one in deg/s to thousands.
+CONTRADICTION_LIMIT = math.radians(90.0)
+CONTRADICTION = (
+    "gyro and accelerometer contradict each other: units (deg/s?), reversed axes or mountings; "
+    "record a minute and run jointest inspect"
+)
 _PARALLEL = 0.999  # cosine
 
 
@@ -168,12 +174,19 @@ def odd_ones(checks: Sequence[PairCheck]) -> list[str]:
     return sorted(common - trusted or common)
 
 
+def contradicts(checks: Sequence[PairCheck]) -> bool:
+    """The gyros were corrected by more than a slip can explain."""
+    return any(abs(check.turned) > CONTRADICTION_LIMIT for check in checks)
+
+
 def verdict(checks: Sequence[PairCheck]) -> str:
     """One line about what does not agree, or ""."""
     wrong = [check for check in checks if not check.agrees]
     if not wrong:
         return ""
     names = " or ".join(odd_ones(checks)) or ", ".join("-".join(check.sensors) for check in wrong)
+    if contradicts(wrong):
+        return f"IMU {names}: {CONTRADICTION}"
     turned = math.degrees(max(abs(check.turned) for check in wrong))
     tilt = math.degrees(max((abs(check.tilt) for check in wrong if abs(check.tilt) > TILT_LIMIT), default=0.0))
     texts = []

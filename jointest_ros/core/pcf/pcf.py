@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.estimator import Estimator
-from jointest_ros.core.frame import Estimate, FloatArray, Frame, Recording, Series, Status, Vec3
+from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Recording, Series, Status, Vec3
+from jointest_ros.core.learned import GYRO_DRIFT, Bias, Learned, by_axis, fingerprint, of_axes
 from jointest_ros.core.pcf.attitude import STILL, Gains
 from jointest_ros.core.pcf.hinge import HingeFilter
 from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
@@ -43,8 +45,10 @@ class Pcf(Estimator):
 
     name = "pcf"
     Params = PcfParams
+    innovation_limit = 15.0  # accelerations of the links are not in the noise model: sound real hinges reach 13
     params: PcfParams
-    calibrated: bool  # gyro biases were measured at rest
+    _bias: dict[str, Vec3]  # gyro biases that were measured at rest, rad/s by sensor; empty: never
+    _warm: bool  # that was in an earlier run
     stillness: Stillness
     _watching: bool  # for the still start
     _first_window: int | None  # ns, end of the first one
@@ -83,6 +87,7 @@ class Pcf(Estimator):
         self._checks = PairChecks(robot, self._hinges)
         self._floor = math.radians(p.floor_deg) ** 2
         self.reset()
+        self._start_from_zero_pose()
 
     def _world_pair(self, joint: Joint, child: Sensor, gains: Gains, gaps: Gaps) -> WorldPair:
         if len(joint.axes) == 2:
@@ -93,7 +98,7 @@ class Pcf(Estimator):
         imu = self._imus.setdefault(child.name, AbsoluteImu(child, gains, gaps, self._smoothing()))
         noise = self._hinge_noise()
         below = self._imus_below(joint.child)
-        return WorldPair(joint, imu, below, gains, gaps, noise.bias_std, noise.calibrated_bias_std)
+        return WorldPair(joint, imu, below, gains, gaps, noise.bias_std)
 
     def _imus_below(self, link: str) -> list[AbsoluteImu]:
         names = [self._imu_on(joint, joint.child).name for joint in self.robot.joints_below(link)]
@@ -115,7 +120,6 @@ class Pcf(Estimator):
         return HingeNoise(
             bias_walk=math.radians(p.bias_walk_dps),
             bias_std=math.radians(p.bias_std_dps),
-            calibrated_bias_std=math.radians(p.calibrated_bias_std_dps),
             gravity_cone=math.radians(p.gravity_cone_deg),
             accel_weight=p.accel_weight,
             mag_weight=p.mag_weight,
@@ -147,8 +151,11 @@ class Pcf(Estimator):
         if frame.reset:
             for one in (*self._imus.values(), *filters):
                 one.restart()
-        for imu in self._imus.values():
+        orientation: dict[str, Quat] = {}
+        for name, imu in self._imus.items():
             imu.update(frame)
+            if imu.stamp == frame.stamp:
+                orientation[name] = imu.attitude.rotation
         position: list[float] = []
         velocity: list[float] = []
         variance: list[float] = []
@@ -159,11 +166,10 @@ class Pcf(Estimator):
             velocity += v
             variance += p
             status += flags
-        floor, uncalibrated = self._floor, 0 if self.calibrated else _UNCALIBRATED
+        floor, uncalibrated = self._floor, 0 if self._bias else _UNCALIBRATED
         self._variance = tuple([one + floor for one in variance])
         flags = tuple([one | uncalibrated for one in status])
-        orientation = {name: imu.attitude.rotation for name, imu in self._imus.items() if imu.stamp == frame.stamp}
-        return Estimate(frame.stamp, tuple(position), tuple(velocity), self._variance, flags, orientation=orientation)
+        return Estimate(frame.stamp, tuple(position), tuple(velocity), self._variance, flags, None, None, orientation)
 
     def _calibrate_start(self, stamp: int, still: bool) -> None:
         """Calibrate from the still phase with which the stream begins, better with every window of it."""
@@ -173,7 +179,7 @@ class Pcf(Estimator):
             self.calibrate_gyro_bias()
             if self.params.zero_at_start:
                 self.calibrate_zero()
-        elif not still and (self.calibrated or not 0 <= stamp - self._first_window < _START):
+        elif not still and ((self._bias and not self._warm) or not 0 <= stamp - self._first_window < _START):
             self._watching = False
 
     def run(self, recording: Recording) -> Series:
@@ -222,11 +228,21 @@ class Pcf(Estimator):
             CalibrationError: the robot moves, or has not been still for long enough.
         """
         gyro, _ = self._still_means()
+        self._take_bias(gyro, math.radians(self.params.calibrated_bias_std_dps))
+        self._warm = False
+
+    @property
+    def calibrated(self) -> bool:
+        """Gyro biases were measured at rest, in this run or in the one that it starts from."""
+        return bool(self._bias)
+
+    def _take_bias(self, gyro: dict[str, Vec3], deviation: float) -> None:
+        """Gyro biases of all sensors, rad/s, and the standard deviation of the difference of two."""
         for name, imu in self._imus.items():
             imu.imu.bias, imu.attitude.integral = gyro[name], STILL
         for joint_filter in self._filters:
-            joint_filter.set_bias(gyro)
-        self.calibrated = True
+            joint_filter.set_bias(gyro, deviation)
+        self._bias = gyro
 
     def calibrate_zero(self) -> None:
         """Take the present pose as the zero pose of every joint (the paper's initialisation phase).
@@ -254,10 +270,54 @@ class Pcf(Estimator):
             gyro[self._world.name], accel[self._world.name] = STILL, UPWARD
         return gyro, accel
 
+    # ------------------------------------------------------------- from run to run
+
+    def learned(self) -> Learned | None:
+        """Gyro biases measured at rest; zero poses, unless each start takes one."""
+        if not self._bias:
+            return None
+        zero = {} if self.params.zero_at_start else {f.joint.name: f.zero_pose for f in self._filters}
+        known = self._learned_before(self._bias_names, self._zero_sizes)
+        if self._warm and known is not None:
+            return replace(known, zero=zero)
+        deviation = math.radians(self.params.calibrated_bias_std_dps) / math.sqrt(2.0)
+        biases: dict[str, Bias] = {}
+        for name in self.stillness.sensors:
+            biases |= by_axis(name, self._bias[name], deviation)
+        return Learned(fingerprint(self.robot), biases, zero)
+
+    @property
+    def _bias_names(self) -> list[str]:
+        return [f"{name}.{axis}" for name in self.stillness.sensors for axis in "xyz"]
+
+    @property
+    def _zero_sizes(self) -> dict[str, int]:
+        return {f.joint.name: len(f.zero_pose) for f in self._filters}
+
+    def _start_warm(self) -> None:
+        """Start from the gyro biases of an earlier run; a still start measures them anew."""
+        known = self._learned_before(self._bias_names, self._zero_sizes)
+        if known is None:
+            return
+        gyro = {name: of_axes(name, known.biases) for name in self.stillness.sensors}
+        if self._world is not None:
+            gyro[self._world.name] = STILL
+        own = max(deviation for _, deviation in known.biases.values())
+        difference = math.sqrt(2.0) * math.hypot(own, GYRO_DRIFT)
+        self._take_bias(gyro, min(difference, math.radians(self.params.bias_std_dps)))
+        self._warm = True
+
+    def _start_from_zero_pose(self) -> None:
+        known = self._learned_before(self._bias_names, self._zero_sizes)
+        if known is not None and not self.params.zero_at_start:
+            for one in self._filters:
+                if one.joint.name in known.zero:
+                    one.take_zero_pose(known.zero[one.joint.name])
+
     # ------------------------------------------------------------- state
 
     def reset(self) -> None:
-        """Forget angles, biases and the start; zero poses are kept."""
+        """Forget angles, the start, and the biases of this run; zero poses are kept."""
         p, world = self.params, self._world.name if self._world is not None else None
         self.stillness = Stillness(
             tuple(dict.fromkeys((*self._imus, *(s for f in self._filters for s in f.sensors if s != world)))),
@@ -265,18 +325,20 @@ class Pcf(Estimator):
             p.still_accel,
             math.radians(p.largest_bias_dps),
         )
-        self.calibrated = False
+        self._bias, self._warm = {}, False
         self._watching = p.still_start > 0.0
         self._first_window = None
         self._variance = (UNKNOWN_VARIANCE,) * len(self.joints)
         for one in (*self._imus.values(), *self._filters):
             one.reset()
         self._checks.reset()
+        self._start_warm()
 
     def get_state(self) -> dict[str, Any]:
         """The whole state; but the means of the present still phase only while the still start is awaited."""
         return {
-            "calibrated": self.calibrated,
+            "bias": {name: list(bias) for name, bias in self._bias.items()},
+            "warm": self._warm,
             "watching": self._watching,
             "first_window": self._first_window,
             "stillness": self.stillness.get_state() if self._watching else None,
@@ -288,7 +350,8 @@ class Pcf(Estimator):
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue identically from `get_state`."""
         self.reset()
-        self.calibrated, self._watching = state["calibrated"], state["watching"]
+        self._bias = {name: (x, y, z) for name, (x, y, z) in state["bias"].items()}
+        self._warm, self._watching = state["warm"], state["watching"]
         self._first_window, self._variance = state["first_window"], tuple(state["variance"])
         if state["stillness"] is not None:
             self.stillness.set_state(state["stillness"])
@@ -305,6 +368,10 @@ class Pcf(Estimator):
         """Of the hinges' newest corrections, over their standard deviations; NaN where there was none."""
         return [f.innovation / math.sqrt(f.innovation_variance) for f in self._hinges]
 
+    def innovation_joints(self) -> tuple[str, ...]:
+        """See `Estimator`."""
+        return tuple([one.joint.name for one in self._hinges])
+
     def pair_checks(self) -> list[PairCheck]:
         """Whether the IMUs of hinges agree, which `update` watches: by pair, redundant ones last."""
         return self._checks.checks()
@@ -312,7 +379,7 @@ class Pcf(Estimator):
     def warnings(self) -> list[str]:
         """IMUs that do not agree with their neighbours."""
         text = verdict(self.pair_checks())
-        return [text] if text else []
+        return [*super().warnings(), *([text] if text else [])]
 
     def biases(self) -> dict[str, float]:
         """Gyro biases, rad/s: `<joint>.gyro` along the axis of a hinge (child minus parent), else by component."""

@@ -33,7 +33,6 @@ class HingeNoise:
 
     bias_walk: float  # rad/s/sqrt(s)
     bias_std: float  # rad/s
-    calibrated_bias_std: float  # rad/s
     gravity_cone: float  # rad
     accel_weight: float
     mag_weight: float

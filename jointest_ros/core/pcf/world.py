@@ -65,10 +65,8 @@ class WorldPair(AbsolutePair):
         gains: Gains,
         gaps: Gaps,
         bias_std: float,
-        calibrated_bias_std: float,
     ) -> None:
-        self._bias_stds = bias_std, calibrated_bias_std  # rad/s
-        self.bias_std = bias_std
+        self._uncalibrated = self.bias_std = bias_std  # rad/s
         super().__init__(joint, AbsoluteImu(world_sensor(joint.parent), gains, gaps), child, below, gains, gaps)
 
     def restart(self) -> None:
@@ -96,17 +94,16 @@ class WorldPair(AbsolutePair):
         up = rotate_inverse(r12, UPWARD) if any(a2) else a2  # without the noise of one sample
         position, velocity, variance, status = super()._output(stamp, r12, rate, up, elapsed)
         before, self.turn_time = self.turn_time, self.turn_time + elapsed
-        gap = self.gaps.spread(elapsed)
         walk = self.bias_std**2 * (self.turn_time**2 - before**2)
-        self.turn_variance += self._gyro_density2 * elapsed + walk + gap
+        self.turn_variance += self._gyro_density2 * elapsed + walk + self._added
         self.variance = tuple(
             [self.turn_variance if flags & _UNOBSERVABLE else one for one, flags in zip(variance, status, strict=True)]
         )
         return position, velocity, self.variance, status
 
-    def set_bias(self, gyro: dict[str, Vec3]) -> None:
-        """The estimator has calibrated the bias of the child's IMU."""
-        self.bias_std = self._bias_stds[1]
+    def set_bias(self, gyro: dict[str, Vec3], deviation: float) -> None:
+        """The estimator has calibrated the bias of the child's IMU, to a standard deviation in rad/s."""
+        self.bias_std = deviation
 
     def set_zero(self, accel: dict[str, Vec3]) -> None:
         """What is about gravity is zero from now on; the rest is absolute."""
@@ -119,7 +116,7 @@ class WorldPair(AbsolutePair):
     def reset(self) -> None:
         """Forget angles and what is known of the bias."""
         super().reset()
-        self.bias_std = self._bias_stds[0]
+        self.bias_std = self._uncalibrated
 
     def get_state(self) -> dict[str, Any]:
         return super().get_state() | {"turn": [self.turn_time, self.turn_variance, self.bias_std]}

@@ -33,6 +33,7 @@ from jointest_ros.core.accel.joint.start import JointStart
 from jointest_ros.core.accel.pair_filter import UNKNOWN, UNOBSERVABLE, first_branch
 from jointest_ros.core.accel.start import LOST, survivors
 from jointest_ros.core.frame import FloatArray, Status
+from jointest_ros.core.learned import ACCEL_DRIFT, Bias
 
 # Strain: mean square of the normalised innovations, 1 when all is well, more in movements faster than the model expects
 _CONTRADICTION = 8.0  # times the usual strain, of a sample that cannot be true
@@ -65,23 +66,63 @@ class JointFilter:
         self.model = JointModel(arrays.parent.positions, arrays.child.positions, noise)
         self._start = JointStart(arrays)
         self._forget_biases()
+        self._kept: tuple[FloatArray, FloatArray] | None = None  # biases and covariance of before a sensor froze
         self._variances: FloatArray | None = None
         self._weightings: dict[bytes, Weighting] = {}
-        self._x = None
+        self._x = self._p = None
         self.restart()
 
     def restart(self) -> None:
         """See `PairFilter`."""
         self._leave()
+        self._take_kept()
         self.angle, self.rates, self.variance = 0.0, (0.0, 0.0), UNKNOWN
         self.status = _STARTING
         self._left = None
         self._newest: tuple[Correction, Weighting] | None = None
 
+    def start_from(self, biases: Sequence[Bias]) -> None:
+        """Before the first sample: biases (C) of an earlier run, as a prior (learned.py)."""
+        values, deviations = np.array(biases).reshape(-1, 2).T
+        variances = deviations**2 + ACCEL_DRIFT**2
+        usual = self.model.noise.bias_std**2
+        values[variances >= usual] = 0.0
+        self._bias, self._bias_covariance = values, np.diag(np.minimum(variances, usual))
+
+    def bias_deviations(self) -> list[float]:
+        """(C) standard deviations of the biases, m/s^2."""
+        p = self._p
+        covariance = self._bias_covariance if p is None else (p if p.ndim == 2 else p[0])[MOTION:, MOTION:]
+        return np.sqrt(covariance.diagonal()).tolist()
+
+    def keep_biases(self) -> None:
+        """A sensor is frozen: what is learned of biases while its link has too few sensors may be motion."""
+        if self._kept is None:
+            x, p = self._most_likely()
+            self._kept = self._bias, self._bias_covariance
+            if x is not None and p is not None:
+                self._kept = x[MOTION:].copy(), p[MOTION:, MOTION:].copy()
+
+    def take_back_biases(self) -> None:
+        """The sensor is back: start the motion afresh from the next sample, with the biases of before."""
+        if self._kept is not None:
+            self._left = self.angle
+            self._leave()
+            self._take_kept()
+
+    def _take_kept(self) -> None:
+        if self._kept is not None:
+            (self._bias, self._bias_covariance), self._kept = self._kept, None
+
+    def _most_likely(self) -> tuple[FloatArray | None, FloatArray | None]:
+        if self._x is None or self._p is None or self._x.ndim == 1:
+            return self._x, self._p
+        return self._x[0], self._p[0]
+
     def _leave(self) -> None:
         """Give up the motion; keep the biases of the most likely hypothesis."""
-        if self._x is not None and self._p is not None:
-            x, p = (self._x, self._p) if self._x.ndim == 1 else (self._x[0], self._p[0])
+        x, p = self._most_likely()
+        if x is not None and p is not None:
             self._bias, self._bias_covariance = x[MOTION:].copy(), p[MOTION:, MOTION:].copy()
         self._x = self._p = None
         self._log_likelihoods, self._parents = [], []
@@ -275,6 +316,7 @@ class JointFilter:
             "log_likelihoods": list(self._log_likelihoods),
             "bias": self._bias.tolist(),
             "bias_covariance": self._bias_covariance.tolist(),
+            "kept": None if self._kept is None else [one.tolist() for one in self._kept],
             "told": self._start.told,
             "left": self._left,
             "times": [self._silent, self._strain, self._patience, self._since_challenge],
@@ -288,6 +330,9 @@ class JointFilter:
         self._log_likelihoods = list(state["log_likelihoods"])
         self._bias = np.array(state["bias"])
         self._bias_covariance = np.array(state["bias_covariance"]).reshape(len(self._bias), len(self._bias))
+        kept, self._kept = state["kept"], None
+        if kept is not None:
+            self._kept = np.array(kept[0]), np.array(kept[1]).reshape(len(self._bias), len(self._bias))
         self._start.clear()
         self._start.told, self._left = state["told"], state["left"]
         self._silent, self._strain, self._patience, self._since_challenge = state["times"]
