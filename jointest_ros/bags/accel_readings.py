@@ -13,7 +13,7 @@ from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import UNCALIBRATED_MATRIX, Robot
-from jointest_ros.core.timing import Timing
+from jointest_ros.core.timing import Timing, rising
 
 
 @dataclass
@@ -51,14 +51,12 @@ def read_accel(
             replace(sensor, accel_matrix=UNCALIBRATED_MATRIX, accel_offset=(0.0, 0.0, 0.0)) for sensor in robot.sensors
         ),
     )
-    sink = offline.RecordingSink()
-    outcome = offline.read_frames(reader, Intake(raw, timing), sink, namespace, progress)
-    recording = sink.recording()
+    recording, outcome = offline.read_recording(reader, Intake(raw, timing), namespace, progress)
     if not recording.accel:
         raise BagError(f"{reader.path}: no accelerometer message could be used")
     stamps = recording.stamps
-    rising = stamps > np.append(np.iinfo(np.int64).min, np.maximum.accumulate(stamps)[:-1])
+    kept = rising(stamps)
     accel = {
-        sensor.name: recording.accel[sensor.name][rising] for sensor in robot.sensors if sensor.name in recording.accel
+        sensor.name: recording.accel[sensor.name][kept] for sensor in robot.sensors if sensor.name in recording.accel
     }
-    return AccelReadings(stamps[rising], accel, outcome.warnings, outcome.damage)
+    return AccelReadings(stamps[kept], accel, outcome.warnings, outcome.damage)

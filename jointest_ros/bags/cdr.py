@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import struct
 from struct import Struct
+from typing import NamedTuple
 
 from jointest_ros.bags.errors import CdrError, UnknownEncoding
 from jointest_ros.core.frame import Quat, Vec3
@@ -68,8 +69,38 @@ class _Texts(dict[bytes, str]):
         return text
 
 
+class _Arrays(NamedTuple):
+    """What is the same in all messages of one publisher of arrays: all but the values."""
+
+    head: bytes  # from the dimensions to the number of values
+    dims: Dims
+    values: Struct
+
+
+class _JointStates(NamedTuple):
+    """What is the same in all messages of one publisher of joint states: all but stamp and figures."""
+
+    head: bytes  # from the frame id up to the first position
+    start: int  # of the first position
+    names: tuple[str, ...]
+    positions: int  # how many; at least one
+    velocities: int
+    efforts: int
+    figures: Struct  # positions, number of velocities, velocities, number of efforts
+
+    @classmethod
+    def of(
+        cls, data: bytes, start: int, names: tuple[str, ...], positions: int, velocities: int, efforts: int
+    ) -> _JointStates:
+        padded = f"4x{velocities}d" if velocities else ""  # an empty sequence is not followed by padding
+        layout = Struct(f"<{positions}dI{padded}I")
+        return cls(data[_preamble.size : start], start, names, positions, velocities, efforts, layout)
+
+
 _texts = _Texts()
-_imu = StampedLayouts("104x3d72x3d72x")  # orientation and covariance, gyro, covariance, accel, covariance
+_arrays: dict[int, _Arrays] = {}  # the first one of every length of a message
+_joint_states: dict[int, _JointStates] = {}  # the same
+IMU_LAYOUTS = StampedLayouts("104x3d72x3d72x")  # orientation and covariance, gyro, covariance, accel, covariance
 MAGNETIC_FIELD_LAYOUTS = StampedLayouts("3d72x")  # field, covariance
 QUATERNION_LAYOUTS = StampedLayouts("4d")
 VECTOR3_LAYOUTS = StampedLayouts("3d")
@@ -91,8 +122,9 @@ def _check_preamble(identifier: int, nanosec: int) -> None:
 def decode_imu(data: bytes) -> tuple[int, str, Vec3, Vec3]:
     """Stamp (ns), frame id, angular velocity (rad/s), linear acceleration (m/s^2) of a sensor_msgs/Imu."""
     try:
-        identifier, sec, nanosec, _, frame_id, gx, gy, gz, ax, ay, az = _imu[data[12:16]].unpack_from(data)
-        _check_preamble(identifier, nanosec)
+        identifier, sec, nanosec, _, frame_id, gx, gy, gz, ax, ay, az = IMU_LAYOUTS[data[12:16]].unpack_from(data)
+        if identifier != CDR_LE or nanosec >= NANOSECONDS:
+            _check_preamble(identifier, nanosec)
         return sec * NANOSECONDS + nanosec, _texts[frame_id], (gx, gy, gz), (ax, ay, az)
     except (struct.error, ValueError) as error:
         raise _refusal(IMU, data, error) from None
@@ -142,12 +174,21 @@ def decode_joint_state(data: bytes) -> tuple[int, tuple[str, ...], tuple[float, 
     try:
         identifier, sec, nanosec = _preamble.unpack_from(data)
         _check_preamble(identifier, nanosec)
+        stamp = sec * NANOSECONDS + nanosec
+        known = _joint_states.get(len(data))
+        if known is not None and data.startswith(known.head, _preamble.size):
+            figures = known.figures.unpack_from(data, known.start)
+            if figures[known.positions] == known.velocities and figures[-1] == known.efforts:
+                return stamp, known.names, figures[: known.positions], figures[known.positions + 1 : -1]
         _, offset = _read_string(data, _preamble.size)
         names, offset = _read_strings(data, offset)
         position, offset = _read_doubles(data, offset)
+        start = offset - 8 * len(position)
         velocity, offset = _read_doubles(data, offset)
-        _read_doubles(data, offset)  # effort
-        return sec * NANOSECONDS + nanosec, names, position, velocity
+        effort, _ = _read_doubles(data, offset)
+        if position and known is None and len(data) <= _MAX_STRING:
+            _joint_states[len(data)] = _JointStates.of(data, start, names, len(position), len(velocity), len(effort))
+        return stamp, names, position, velocity
     except (struct.error, ValueError) as error:
         raise _refusal(JOINT_STATE, data, error) from None
 
@@ -157,6 +198,9 @@ def decode_float32_multiarray(data: bytes) -> tuple[tuple[float, ...], Dims]:
     try:
         if data[:2] != b"\0\1":
             raise ValueError("not CDR little endian")
+        known = _arrays.get(len(data))
+        if known is not None and data.startswith(known.head, 4):
+            return known.values.unpack_from(data, 4 + len(known.head)), known.dims
         count, offset = _uint32.unpack_from(data, 4)[0], 8
         if 12 * count > len(data):
             raise ValueError(f"{count} dimensions")
@@ -171,10 +215,19 @@ def decode_float32_multiarray(data: bytes) -> tuple[tuple[float, ...], Dims]:
         offset += 8
         if offset + 4 * length > len(data):
             raise ValueError(f"{length} values")
-        values = struct.unpack_from(f"<{length}f", data, offset)
+        layout = Struct(f"<{length}f")
+        values = layout.unpack_from(data, offset)
+        if not skip and known is None and len(data) <= _MAX_STRING:
+            _arrays[len(data)] = _Arrays(data[4:offset], tuple(dims), layout)
         return values[skip:], tuple(dims)  # the layout's data_offset: elements before the first one
     except (struct.error, ValueError) as error:
         raise _refusal(FLOAT32_MULTIARRAY, data, error) from None
+
+
+def float32_multiarray_head(data: bytes) -> bytes | None:
+    """All from the dimensions to the number of values, if `decode_float32_multiarray` knows it; the values follow."""
+    known = _arrays.get(len(data))
+    return known.head if known is not None and data.startswith(known.head, 4) else None
 
 
 def _read_string(data: bytes, offset: int) -> tuple[str, int]:

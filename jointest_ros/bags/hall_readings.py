@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jointest_ros.bags import offline
+from jointest_ros.bags import ground_truth, offline
 from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, JOINT_STATE, decode_float32_multiarray
 from jointest_ros.bags.errors import BagError, CdrError
 from jointest_ros.bags.intake import HALL_TOPIC, Intake
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.frame import FloatArray, Frame
 from jointest_ros.core.robot import Robot
-from jointest_ros.core.timing import Timing
+from jointest_ros.core.timing import Timing, rising
 from jointest_ros.evaluation.truth import Truth
 
 _USUAL = 0.9  # share of the Hall messages that are used when all is well
@@ -60,7 +60,7 @@ def read_hall(
             be used.
     """
     topic = reader.require(HALL_TOPIC, FLOAT32_MULTIARRAY, namespace)
-    reader.require(offline.TRUTH_JOINTS, JOINT_STATE, namespace)
+    reader.require(ground_truth.TRUTH_JOINTS, JOINT_STATE, namespace)
     stamps, volts = array("q"), array("d")
 
     def collect(frames: list[Frame]) -> None:
@@ -81,10 +81,10 @@ def read_hall(
     if not stamps:
         raise BagError(used)
     times = np.array(stamps, dtype=np.int64)
-    rising = times > np.append(np.iinfo(np.int64).min, np.maximum.accumulate(times)[:-1])
+    kept = rising(times)
     return HallReadings(
-        times[rising],
-        np.array(volts, dtype=float).reshape(-1, len(robot.hall))[rising],
+        times[kept],
+        np.array(volts, dtype=float).reshape(-1, len(robot.hall))[kept],
         outcome.truth,
         outcome.warnings,
         outcome.damage,

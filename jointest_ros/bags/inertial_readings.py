@@ -53,7 +53,7 @@ def read_inertial(
     intake = Intake(used, timing)
     there = [sensor.name for sensor in sensors if reader.resolve(sensor.topic, namespace) is not None]
     windows = Windows(tuple(there), replace(stillness, sensors=tuple(there)))
-    outcome = offline.read_frames(reader, intake, windows.add, namespace, progress)
+    outcome = offline.read_recordings(reader, intake, windows.add, namespace, progress)
     warnings = outcome.warnings
     for topic, counts in outcome.inputs.items():
         if counts["used"] < _USUAL * counts["messages"]:

@@ -10,6 +10,7 @@ from jointest_ros.bags.cdr import (
     FLOAT32_MULTIARRAY,
     IMU,
     MAGNETIC_FIELD,
+    Dims,
     decode_float32_multiarray,
     decode_imu,
     decode_magnetic_field,
@@ -20,10 +21,13 @@ from jointest_ros.core.assembler import FrameAssembler
 from jointest_ros.core.assembler_inputs import Source
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Frame
+from jointest_ros.core.input_quality import gyro_of
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.core.timing import Timing
 
 HALL_TOPIC = "hall_voltages"
+
+_MOST_LAYOUTS = 16
 
 Handler = Callable[[bytes, int], list[Frame]]  # CDR bytes, arrival or record time ns -> frames that became ready
 
@@ -46,6 +50,7 @@ class Intake:
         self.handlers: dict[str, Handler] = {}
         self._refused: dict[str, Counter[str]] = {}
         self._sources: dict[str, list[Source]] = {}
+        self._sensors: dict[str, list[str]] = {}  # topic -> whose samples it brings
         self._accels: dict[str, list[str]] = {}  # topic -> its accelerometers
         imus: dict[str, list[Sensor]] = {}
         for sensor in robot.sensors:
@@ -55,14 +60,17 @@ class Intake:
             # an empty frame id stands for any; `Robot` sees to it that it is then the only one
             self._add(topic, IMU, self._imu_handler(topic, {sensor.frame_id: sensor.name for sensor in sensors}))
             self._sources[topic] = [self.assembler.sources[sensor.name] for sensor in sensors]
+            self._sensors[topic] = [sensor.name for sensor in sensors]
             self._accels[topic] = [sensor.name for sensor in sensors if sensor.accel]
         for sensor in robot.sensors:
             if sensor.mag:
                 self._add(sensor.mag_topic, MAGNETIC_FIELD, self._mag_handler(sensor))
                 self._sources[sensor.mag_topic] = [self.assembler.mag_sources[sensor.name]]
+                self._sensors[sensor.mag_topic] = [sensor.name]
         if robot.hall:
             self._add(HALL_TOPIC, FLOAT32_MULTIARRAY, self._hall_handler(robot))
             self._sources[HALL_TOPIC] = [self.assembler.hall_source]
+            self._sensors[HALL_TOPIC] = ["hall"]
 
     def counts(self, topic: str) -> dict[str, Any]:
         """`messages`, `used` and `refused` by cause of one topic; after `flush`, messages = used + refused."""
@@ -74,17 +82,25 @@ class Intake:
             used += source.used
         return {"messages": messages, "used": used, "refused": dict(refused)}
 
+    def sources(self, topic: str) -> dict[str, Source]:
+        """Sensor -> what it delivered on one topic; the Hall voltages are one sensor, "hall"."""
+        return dict(zip(self._sensors[topic], self._sources[topic], strict=True))
+
     def findings(self, topic: str) -> list[str]:
         """What is wrong with the accelerometers of one topic now, though their samples are sound."""
         return [text for sensor in self._accels.get(topic, ()) for text in self.assembler.quality.findings(sensor)]
 
     def saturated(self, topic: str) -> dict[str, int]:
-        """Accelerometer of one topic -> number of its saturated samples; only those of known full scale."""
+        """Number of saturated samples of the accelerometers (by sensor) and gyros (`gyro_of` the sensor) of one topic.
+
+        Only those of known full scale.
+        """
         counts = self.assembler.quality.saturated
-        return {sensor: counts[sensor] for sensor in self._accels.get(topic, ()) if sensor in counts}
+        both = [what for sensor in self._sensors[topic] for what in (sensor, gyro_of(sensor))]
+        return {what: counts[what] for what in both if what in counts}
 
     def warnings(self) -> list[str]:
-        """What was wrong with the accelerometers in all that was received, a line each."""
+        """What was wrong with accelerometers and gyros in all that was received, a line each."""
         received = {sensor: source.received for sensor, source in self.assembler.sources.items()}
         return list(self.assembler.quality.summary(received))
 
@@ -130,17 +146,20 @@ class Intake:
     def _hall_handler(self, robot: Robot) -> Handler:
         joints, width = len({hall.joint for hall in robot.hall}), len(robot.hall)
         layouts = {(), (width,), (joints, width // joints)}
+        sound: set[Dims] = {()}  # those that came
 
         def handle(data: bytes, arrival: int) -> list[Frame]:
             decoded = self._decode(HALL_TOPIC, FLOAT32_MULTIARRAY, decode_float32_multiarray, data)
             if decoded is None:
                 return []
             voltages, dims = decoded
-            if dims and len(voltages) == width:  # another length is counted as such
+            if dims not in sound and len(voltages) == width:  # another length is counted as such
                 labels, sizes = zip(*dims, strict=True)
                 if sizes not in layouts or labels == ("sensor", "joint"):
                     self._refused[HALL_TOPIC]["wrong layout"] += 1
                     return []
+                if len(sound) < _MOST_LAYOUTS:  # labels may be anything
+                    sound.add(dims)
             return self.assembler.add_hall(voltages, arrival)
 
         return handle

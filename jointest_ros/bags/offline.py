@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import math
-from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from time import perf_counter_ns
 from typing import Any
 
-import numpy as np
-
-from jointest_ros.bags.cdr import (
-    BOOL,
-    JOINT_STATE,
-    QUATERNION_STAMPED,
-    decode_bool,
-    decode_joint_state,
-    decode_quaternion_stamped,
-)
-from jointest_ros.bags.errors import BagError, CdrError
+from jointest_ros.bags.array_intake import ArrayIntake, Message, Stretch
+from jointest_ros.bags.errors import BagError
+from jointest_ros.bags.ground_truth import TRUTH_JOINTS, TRUTH_ORIENTATION, TruthReader
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.series_buffer import SeriesBuffer
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Frame, Recording, Series
 from jointest_ros.evaluation.truth import Truth
 
-TRUTH_JOINTS = "ground_truth/joint_states"
-TRUTH_ORIENTATION = "ground_truth/imu_orientation"
-TRUTH_MOVEMENT = "ground_truth/movement"
-_CHUNK = 2048  # frames between progress reports
+_CHUNK = 2048  # frames that are decoded and assembled together
 
 Progress = Callable[[int, int], None]  # messages done, messages in all
 Sink = Callable[[str, list[Estimate]], None]  # estimator name, consecutive estimates
 FrameSink = Callable[[list[Frame]], None]  # consecutive frames
+StretchSink = Callable[[Recording], None]  # the same as arrays
+InnovationSink = Callable[[str, list[int], list[list[float]]], None]  # estimator name, stamps, innovations of each
 
 
 @dataclass
@@ -64,14 +55,14 @@ class SeriesSink:
 
     def __init__(self, estimators: dict[str, Estimator]) -> None:
         self._joints = {name: len(estimator.joints) for name, estimator in estimators.items()}
-        self._parts: dict[str, list[Series]] = {name: [] for name in estimators}
+        self._buffers = {name: SeriesBuffer(joints) for name, joints in self._joints.items()}
 
     def __call__(self, name: str, estimates: list[Estimate]) -> None:
-        self._parts[name].append(Series.from_estimates(estimates, self._joints[name]))
+        self._buffers[name].add(Series.from_estimates(estimates, self._joints[name]))
 
     def series(self, name: str) -> Series:
         """All estimates of one estimator."""
-        return Series.concatenate(self._parts[name] or [Series.from_estimates([], self._joints[name])])
+        return self._buffers[name].series()
 
 
 class RecordingSink:
@@ -116,6 +107,67 @@ def check_topics(reader: BagReader, intake: Intake, namespace: str = "") -> tupl
     return found, warnings
 
 
+def run(
+    reader: BagReader,
+    intake: Intake,
+    estimators: dict[str, Estimator],
+    sink: Sink,
+    *,
+    namespace: str = "",
+    progress: Progress = lambda done, total: None,
+    frame_sink: FrameSink = lambda frames: None,
+    consistency: bool = False,
+    innovation_sink: InnovationSink | None = None,
+) -> Outcome:
+    """Estimate a whole recording frame by frame, in the memory of one chunk.
+
+    Args:
+        reader: open.
+        sink: takes the estimates of each estimator, chunk after chunk.
+        frame_sink: takes the frames themselves.
+        namespace: put before the relative topic names.
+        consistency: fill `nis`, which costs a microsecond a frame.
+        innovation_sink: takes the innovations that `nis` is made of, chunk after chunk.
+
+    Raises:
+        BagError: see `check_topics`. A recording that is damaged further on gives what it can and says so in `damage`.
+    """
+    found, warnings = check_topics(reader, intake, namespace)
+    outcome = Outcome(warnings=warnings)
+    truth = TruthReader(reader, namespace)
+    spent = dict.fromkeys(estimators, 0)
+    innovations = {name: [0.0, 0] for name in estimators}  # sum of squares, number
+
+    def estimate(frames: list[Frame]) -> None:
+        frame_sink(frames)
+        for name, estimator in estimators.items():
+            estimates, normalised = [], []
+            for frame in frames:
+                start = perf_counter_ns()
+                estimates.append(estimator.update(frame))
+                spent[name] += perf_counter_ns() - start
+                if consistency:
+                    normalised.append(estimator.innovations())
+                    used = [v * v for v in normalised[-1] if v == v]
+                    innovations[name][0] += sum(used)
+                    innovations[name][1] += len(used)
+            if innovation_sink:
+                innovation_sink(name, [frame.stamp for frame in frames], normalised)
+            sink(name, estimates)
+
+    for stretch in _stretches(reader, intake, found, truth, outcome, progress):
+        estimate(list(stretch.frames()) if isinstance(stretch, Recording) else stretch)
+    if estimators:
+        outcome.warnings += [f"{reader.path}: {text}" for text in intake.warnings()]
+    outcome.warnings += [
+        f"{reader.path}: {name}: {text}" for name, estimator in estimators.items() for text in estimator.warnings()
+    ]
+    outcome.nis = {name: squares / number if number else None for name, (squares, number) in innovations.items()}
+    outcome.ns_per_frame = {name: ns / outcome.frames if outcome.frames else None for name, ns in spent.items()}
+    _conclude(outcome, reader, intake, found, truth)
+    return outcome
+
+
 def read_frames(
     reader: BagReader,
     intake: Intake,
@@ -129,162 +181,75 @@ def read_frames(
     )
 
 
-def run(
+def read_recordings(
     reader: BagReader,
     intake: Intake,
-    estimators: dict[str, Estimator],
-    sink: Sink,
-    *,
+    sink: StretchSink,
     namespace: str = "",
     progress: Progress = lambda done, total: None,
-    frame_sink: FrameSink = lambda frames: None,
-    consistency: bool = False,
 ) -> Outcome:
-    """Estimate a whole recording frame by frame, in the memory of one chunk.
-
-    Args:
-        reader: open.
-        sink: takes the estimates of each estimator, chunk after chunk.
-        frame_sink: takes the frames themselves.
-        namespace: put before the relative topic names.
-        consistency: fill `nis`, which costs a microsecond a frame.
-
-    Raises:
-        BagError: see `check_topics`. A recording that is damaged further on gives what it can and says so in `damage`.
-    """
+    """The frames of a whole recording as consecutive stretches of some thousands; otherwise as `read_frames`."""
     found, warnings = check_topics(reader, intake, namespace)
     outcome = Outcome(warnings=warnings)
-    truth = _TruthReader(reader, namespace)
-    spent = dict.fromkeys(estimators, 0)
-    innovations = {name: [0.0, 0] for name in estimators}  # sum of squares, number
+    truth = TruthReader(reader, namespace)
+    for stretch in _stretches(reader, intake, found, truth, outcome, progress):
+        sink(stretch if isinstance(stretch, Recording) else Recording.from_frames(stretch))
+    _conclude(outcome, reader, intake, found, truth)
+    return outcome
+
+
+def read_recording(
+    reader: BagReader, intake: Intake, namespace: str = "", progress: Progress = lambda done, total: None
+) -> tuple[Recording, Outcome]:
+    """All frames at once."""
+    parts: list[Recording] = []
+    outcome = read_recordings(reader, intake, parts.append, namespace, progress)
+    return Recording.concatenate(parts or [Recording.from_frames([])]), outcome
+
+
+def _stretches(
+    reader: BagReader,
+    intake: Intake,
+    found: dict[str, str],
+    truth: TruthReader,
+    outcome: Outcome,
+    progress: Progress,
+) -> Iterator[Stretch]:
+    """All frames in order. `outcome` is told their number, and of a damage."""
+    arrays = ArrayIntake(intake, found)
     total = sum(reader.counts[topic] for topic in (*found, *truth.handlers))
-    handlers = {topic: intake.handlers[name] for topic, name in found.items()}
-
-    def estimate(frames: list[Frame]) -> None:
-        outcome.frames += len(frames)
-        frame_sink(frames)
-        for name, estimator in estimators.items():
-            estimates = []
-            for frame in frames:
-                start = perf_counter_ns()
-                estimates.append(estimator.update(frame))
-                spent[name] += perf_counter_ns() - start
-                if consistency:
-                    used = [v * v for v in estimator.innovations() if v == v]
-                    innovations[name][0] += sum(used)
-                    innovations[name][1] += len(used)
-            sink(name, estimates)
-
-    def readable() -> Iterator[tuple[str, int, bytes]]:
-        """The messages up to a damage. What the sink raises is no damage, and does not end here."""
-        try:
-            yield from reader.messages((*handlers, *truth.handlers))
-        except BagError as error:
-            outcome.damage = str(error)
-
-    frames: list[Frame] = []
+    messages = _readable(reader, (*found, *truth.handlers), outcome)
+    waiting: list[Message] = []
     done = 0
-    for topic, time, data in readable():
-        done += 1
-        if topic in handlers:
-            frames += handlers[topic](data, time)
-            if len(frames) >= _CHUNK:
-                estimate(frames)
-                frames = []
-                progress(done, total)
-        else:
-            truth.handlers[topic](data, time)
-    frames += intake.flush()
-    if frames:
-        estimate(frames)
-    progress(done, total)
+    while chunk := list(islice(messages, _CHUNK * (len(found) + len(truth.handlers)))):
+        stretches, waiting = arrays.add(waiting + [message for message in chunk if message[0] in found])
+        for stretch in stretches:
+            outcome.frames += len(stretch)
+            yield stretch
+        for topic, time, data in chunk if truth.handlers else ():
+            if topic in truth.handlers:
+                truth.handlers[topic](data, time)
+        done += len(chunk)
+        progress(done, total)
+    for stretch in arrays.finish(waiting):
+        outcome.frames += len(stretch)
+        yield stretch
+
+
+def _readable(reader: BagReader, topics: Collection[str], outcome: Outcome) -> Iterator[tuple[str, int, bytes]]:
+    """The messages up to a damage, which `outcome` is told. What their user raises does not end here."""
+    try:
+        yield from reader.messages(topics)
+    except BagError as error:
+        outcome.damage = str(error)
+
+
+def _conclude(outcome: Outcome, reader: BagReader, intake: Intake, found: dict[str, str], truth: TruthReader) -> None:
+    """Fill in what is known at the end: counters and ground truth; `found`: absolute topic -> configured topic."""
     outcome.inputs = {topic: intake.counts(name) for topic, name in found.items()}
-    if estimators:
-        outcome.warnings += [f"{reader.path}: {text}" for text in intake.warnings()]
-    outcome.warnings += [
-        f"{reader.path}: {name}: {text}" for name, estimator in estimators.items() for text in estimator.warnings()
-    ]
     outcome.truth = truth.truth()
-    outcome.nis = {name: squares / number if number else None for name, (squares, number) in innovations.items()}
-    outcome.ns_per_frame = {name: ns / outcome.frames if outcome.frames else None for name, ns in spent.items()}
     if truth.refused:
         outcome.warnings.append(
             f"{reader.path}: {truth.refused} ground truth messages refused "
             "(undecodable, an older stamp, or no quaternion of length 1)"
-        )
-    return outcome
-
-
-class _TruthReader:
-    """Collects the ground truth topics of a recording."""
-
-    def __init__(self, reader: BagReader, namespace: str) -> None:
-        self.refused = 0
-        self.handlers: dict[str, Callable[[bytes, int], None]] = {}
-        self._names: tuple[str, ...] = ()
-        self._joints: dict[str, tuple[array[float], array[float]]] = {}
-        self._stamps = array("q")
-        self._orientation: dict[str, tuple[array[int], array[float]]] = {}
-        self._movement: list[tuple[int, bool]] = []
-        for name, msgtype, handler in (
-            (TRUTH_JOINTS, JOINT_STATE, self._joint_state),
-            (TRUTH_ORIENTATION, QUATERNION_STAMPED, self._orientation_of),
-            (TRUTH_MOVEMENT, BOOL, self._movement_at),
-        ):
-            if reader.resolve(name, namespace) is not None:
-                self.handlers[reader.require(name, msgtype, namespace)] = handler
-
-    def _joint_state(self, data: bytes, _time: int) -> None:
-        try:
-            stamp, names, position, velocity = decode_joint_state(data)
-        except CdrError:
-            self.refused += 1
-            return
-        if self._stamps and stamp <= self._stamps[-1]:
-            self.refused += stamp < self._stamps[-1]
-            return
-        for name in names:
-            if name not in self._joints:
-                unknown = [math.nan] * len(self._stamps)
-                self._joints[name] = (array("d", unknown), array("d", unknown))
-        self._stamps.append(stamp)
-        positions, velocities = dict(zip(names, position, strict=False)), dict(zip(names, velocity, strict=False))
-        for name, (p, v) in self._joints.items():
-            p.append(positions.get(name, math.nan))
-            v.append(velocities.get(name, math.nan))
-
-    def _movement_at(self, data: bytes, time: int) -> None:
-        """The message has no stamp: its record time stands for it."""
-        try:
-            self._movement.append((time, decode_bool(data)))
-        except CdrError:
-            self.refused += 1
-
-    def _orientation_of(self, data: bytes, _time: int) -> None:
-        try:
-            stamp, sensor, quaternion = decode_quaternion_stamped(data)
-        except CdrError:
-            self.refused += 1
-            return
-        stamps, rows = self._orientation.setdefault(sensor, (array("q"), array("d")))
-        if not 0.9 < math.hypot(*quaternion) < 1.1:
-            self.refused += 1
-            return
-        if stamps and stamp <= stamps[-1]:
-            self.refused += stamp < stamps[-1]
-            return
-        stamps.append(stamp)
-        rows.extend(quaternion)
-
-    def truth(self) -> Truth:
-        """All of it as arrays."""
-        return Truth(
-            np.frombuffer(self._stamps, dtype=np.int64) if self._stamps else np.empty(0, dtype=np.int64),
-            {name: np.frombuffer(p) for name, (p, _) in self._joints.items()},
-            {name: np.frombuffer(v) for name, (_, v) in self._joints.items()},
-            {
-                sensor: (np.frombuffer(stamps, dtype=np.int64), np.frombuffer(rows).reshape(-1, 4))
-                for sensor, (stamps, rows) in self._orientation.items()
-            },
-            tuple(self._movement),
         )

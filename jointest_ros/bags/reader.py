@@ -76,7 +76,7 @@ class BagReader:
 
     def resolve(self, name: str, namespace: str = "") -> str | None:
         """The absolute name of the topic that `name` means in `namespace`, or None when the bag does not have it."""
-        absolute = _absolute(name, namespace)
+        absolute = absolute_name(name, namespace)
         return absolute if absolute in self.topics else None
 
     def require(self, name: str, msgtype: str, namespace: str = "") -> str:
@@ -87,7 +87,7 @@ class BagReader:
         """
         topic = self.resolve(name, namespace)
         if topic is None:
-            raise BagError(f"{self.path}: {self._absent(_absolute(name, namespace))}")
+            raise BagError(f"{self.path}: {self._absent(absolute_name(name, namespace))}")
         if self.topics[topic] != msgtype:
             raise BagError(f"{self.path}: topic '{topic}' is of type {self.topics[topic]}; expected {msgtype}")
         return topic
@@ -138,7 +138,8 @@ class BagReader:
         return f"topic '{topic}' is not in the bag; {hint}it has: {', '.join(self.topics)}"
 
 
-def _absolute(name: str, namespace: str) -> str:
+def absolute_name(name: str, namespace: str) -> str:
+    """The name of a topic with its namespace, as ROS resolves it."""
     if name.startswith("/"):
         return name
     return "/" + "/".join(part for part in (namespace.strip("/"), name) if part)

@@ -20,13 +20,12 @@ from typing import BinaryIO
 
 from rosbags.rosbag2.storage_mcap import decompress
 
+from jointest_ros.bags.mcap_records import CHANNEL, CHUNK, FOOTER, MAGIC, MESSAGE, RECORD, SCHEMA
+
 Message = tuple[str, int, bytes]  # topic, record time (ns), data
 
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-_MAGIC_SIZE = 8
 _NEVER = 2**63 - 1
 
-_record_header = Struct("<BQ")
 _message_header = Struct("<HIQQ")  # channel, sequence, log time, publish time
 _chunk_header = Struct("<QQQI")  # first and last log time, uncompressed size, CRC; then compression, records
 _by_time = itemgetter(1)
@@ -84,9 +83,9 @@ class RecoveredMcap:
     def _blocks(self) -> Iterator[list[Message]]:
         """The messages of each chunk in the order of the file. Raises `_Damage` where the file breaks off."""
         with self._path.open("rb") as file:
-            file.seek(_MAGIC_SIZE)
+            file.seek(len(MAGIC))
             for kind, content, complete in _records(file, self._size):
-                if kind == _FOOTER:
+                if kind == FOOTER:
                     return
                 block: list[Message] = []
                 damage = None
@@ -104,18 +103,18 @@ class RecoveredMcap:
 
     def _take(self, kind: int, content: bytes, complete: bool, block: list[Message]) -> None:
         """Remember what a record declares, put its messages into `block`."""
-        if kind == _CHUNK:
+        if kind == CHUNK:
             records = _chunk_records(content, complete)
             for inner in _records(BytesIO(records), len(records)):
                 self._take(*inner, block)
         elif not complete:
             raise _Damage("the file ends inside of a record")
-        elif kind == _MESSAGE:
+        elif kind == MESSAGE:
             channel, _, time, _ = _message_header.unpack_from(content)
             block.append((self._channels[channel][0], time, content[_message_header.size :]))
-        elif kind == _SCHEMA:
+        elif kind == SCHEMA:
             self._schemas[struct.unpack_from("<H", content)[0]] = _string(content, 2)[0]
-        elif kind == _CHANNEL:
+        elif kind == CHANNEL:
             number, schema = struct.unpack_from("<HH", content)
             topic, offset = _string(content, 4)
             self._channels[number] = (topic, self._schemas.get(schema, ""), _string(content, offset)[0])
@@ -124,10 +123,10 @@ class RecoveredMcap:
 def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
     """Type and content of each record up to `size`, and whether its content is complete (the last may break off)."""
     while (left := size - stream.tell()) > 0:
-        if left < _record_header.size:
+        if left < RECORD.size:
             raise _Damage("the file ends inside of a record")
-        kind, length = _record_header.unpack(stream.read(_record_header.size))
-        content = stream.read(min(length, left - _record_header.size))
+        kind, length = RECORD.unpack(stream.read(RECORD.size))
+        content = stream.read(min(length, left - RECORD.size))
         yield kind, content, len(content) == length
 
 

@@ -104,7 +104,8 @@ def open_file(path: Path) -> Storage:
 
 def _check_magic(path: Path) -> None:
     if path.suffix not in _MAGIC:
-        raise BagError(f"{path}: not a bag; give a rosbag2 directory, an .mcap file or a .db3 file")
+        hint = "; a configuration goes with --config" if path.suffix in (".yaml", ".yml") else ""
+        raise BagError(f"{path}: not a bag; give a rosbag2 directory, an .mcap file or a .db3 file{hint}")
     magic = _MAGIC[path.suffix]
     try:
         with path.open("rb") as file:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Iterator
 
 from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, IMU, JOINT_STATE, MAGNETIC_FIELD
 from jointest_ros.bags.cdr_encode import ImuEncoder, JointStateEncoder, encode_float32_multiarray, encode_magnetic_field
+from jointest_ros.bags.ground_truth import TRUTH_JOINTS
 from jointest_ros.bags.intake import HALL_TOPIC
-from jointest_ros.bags.offline import TRUTH_JOINTS
+from jointest_ros.bags.writer import BagWriter
 from jointest_ros.core.frame import FloatArray, Vec3
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.sim.simulated import SimulatedRobot
@@ -39,6 +40,21 @@ def messages(stretches: Iterable[SimulatedRobot]) -> Iterator[Message]:
         for k, stamp in enumerate((recording.stamps + FIRST_STAMP).tolist()):
             for topic, encode in columns:
                 yield stamp, topic, encode(k, stamp)
+
+
+def write(
+    writer: BagWriter,
+    robot: Robot,
+    stretches: Iterable[SimulatedRobot],
+    report: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Write a simulation of `robot` into an open recording, truth included; `report` is told how many messages."""
+    for topic, msgtype in topics(robot).items():
+        writer.add_topic(f"/{topic}", msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
+    for done, (stamp, topic, data) in enumerate(messages(stretches)):
+        writer.write(f"/{topic}", stamp, data)
+        if done % 10000 == 0:
+            report(done)
 
 
 _Column = tuple[str, Callable[[int, int], bytes]]  # topic, (row, stamp) -> CDR bytes

@@ -89,7 +89,7 @@ class BagWriter:
         if not self.path.exists():
             return
         if not self._overwrite:
-            raise BagError(f"{self.path}: exists already; remove it, choose another name or allow overwriting")
+            raise BagError(f"{self.path}: exists already; remove it, choose another name or give --overwrite")
         if not _is_bag(self.path):
             raise BagError(f"{self.path}: exists already and is not a bag; it is not overwritten")
 

@@ -136,6 +136,34 @@ def test_float32_multiarray_both_ways(length: int, dims: cdr.Dims) -> None:
     assert cdr_encode.encode_float32_multiarray(values, dims) == data
 
 
+def test_messages_of_equal_length_are_told_apart() -> None:
+    """Several publishers: what is kept of one of them says nothing of the others."""
+    kinds: list[tuple[str, tuple[str, ...], tuple[float, ...], tuple[float, ...], tuple[float, ...]]] = [
+        ("base", ("a", "b"), (1.0, 2.0), (3.0, 4.0), ()),
+        ("base", ("a", "c"), (1.0, 2.0), (3.0, 4.0), ()),
+        ("base", ("a", "b"), (1.0, 2.0), (3.0,), (5.0,)),
+        ("base", ("a", "b"), (1.0, 2.0), (), (5.0, 6.0)),
+        ("base", ("a", "b"), (1.0,), (3.0, 4.0), ()),
+        ("base", ("a", "b"), (), (3.0, 4.0), (5.0,)),
+        ("root", ("a", "b"), (1.0, 2.0), (3.0, 4.0), ()),
+    ]
+    messages = [(kind, serialised(joint_state(*kind))) for kind in kinds]
+    longest = max(len(data) for _, data in messages)
+    for turn in range(3):
+        for (_, names, position, velocity, _), data in messages:
+            padded = data + bytes([turn]) * (longest - len(data))  # as a middleware may
+            assert cdr.decode_joint_state(padded) == (STAMP, names, position, velocity)
+    shapes: tuple[cdr.Dims, ...] = (
+        (("joint", 2), ("sensor", 3)),
+        (("joint", 3), ("sensor", 2)),
+        (("jolnt", 2), ("sensor", 3)),
+    )
+    for turn in range(3):
+        values = tuple(float(turn + k) for k in range(6))
+        for dims in shapes:
+            assert cdr.decode_float32_multiarray(serialised(multiarray(values, dims))) == (values, dims)
+
+
 def test_elements_before_the_data_offset_of_a_multiarray_are_skipped() -> None:
     content = multiarray([1.0, 2.0, 3.0], (("joint", 2),))
     content.layout.data_offset = 1

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jointest_ros.bags import cdr, synthetic
+from jointest_ros.bags.ground_truth import TRUTH_JOINTS
 from jointest_ros.bags.intake import HALL_TOPIC, Intake
-from jointest_ros.bags.offline import TRUTH_JOINTS
 from jointest_ros.bags.synthetic import FIRST_STAMP
 from jointest_ros.bags.typestore import typestore
 from jointest_ros.core.timing import Timing
