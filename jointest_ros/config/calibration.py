@@ -1,7 +1,8 @@
 """Calibration files: what a recording or a node found out about a robot's sensors, kept apart from its configuration.
 
 A configuration names its file by `calibration_file:`, relative to its own folder. What stands there takes precedence
-over the configuration. The file need not exist. Each `jointest calibrate` writes its own section and leaves the others:
+over the configuration. The file need not exist. Each `jointest calibrate` writes its own section and leaves the others,
+and so does `~/save_calibration` of a node:
 
     hall:  # in the order of the configuration
     - {joint: knee, mirrored: false, curve: {a_deg: .07, b: 2.87, c_deg: 2.22e5, d: 8.43}, noise_v: .02, offset_v: 0}
@@ -11,11 +12,14 @@ over the configuration. The file need not exist. Each `jointest calibrate` write
       imu_1: {scale: [1, 1, 1]}
     mountings:  # rotation sensor frame to link frame, x, y, z, w
       imu_1: {quaternion: [0, 0, 0, 1]}
+    learned:  # where estimators start: biases with their standard deviation (rad/s, V, m/s^2), zero poses (learned.py)
+      pcf: {robot: robot-2ea1c0d4, saved: 2026-11-22 19:04:31 UTC, biases: {imu_1.x: [0.01, 1e-4]}, zero: {knee: [0.1]}}
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import re
 from collections.abc import Collection, Sequence
@@ -30,9 +34,10 @@ from jointest_ros.config.hall import HallSettings, curve
 from jointest_ros.config.text import hall_entry, mounting_entry
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor
+from jointest_ros.core.learned import Learned
 from jointest_ros.core.robot import Robot, Sensor
 
-SECTIONS = ("hall", "accel", "gyro", "mountings")
+SECTIONS = ("hall", "accel", "gyro", "mountings", "learned")
 
 _SCALES = (0.5, 2.0)  # of a gyro
 _IDENTITY = ("joint", "mirrored")
@@ -90,6 +95,17 @@ def save_mountings(path: Path, sensors: Collection[Sensor], heading: str) -> Non
     _save(path, "mountings", {sensor.name: mounting_entry(sensor) for sensor in sensors}, heading)
 
 
+def save_learned(path: Path, estimator: str, learned: Learned, heading: str) -> None:
+    """Write what one estimator learned into the section `learned`, as `save_hall` does its own."""
+    entry = {
+        "robot": learned.robot,
+        "saved": learned.saved,
+        "biases": {name: list(bias) for name, bias in learned.biases.items()},
+        "zero": {joint: list(numbers) for joint, numbers in learned.zero.items()},
+    }
+    _save(path, "learned", {estimator: entry}, heading)
+
+
 def heading(path: Path, section: str) -> str:
     """The comment before a section of a calibration file; empty where there is none. Raises ConfigurationError."""
     lines = _split(read.read_file(path, "calibration") or "").get(section, "").splitlines()
@@ -121,7 +137,33 @@ def _calibrated(document: dict[str, Any], robot: Robot) -> Robot:
         sensors[name] = replace(sensors[name], gyro_scale=scale)
     for name, where, values in _by_sensor(document, "mountings", sensors):
         sensors[name] = replace(sensors[name], mounting=read.mounting(_whole(values, where, ("quaternion",)), where))
-    return replace(robot, sensors=tuple(sensors.values()))
+    return replace(robot, sensors=tuple(sensors.values()), learned=_learned(document))
+
+
+def _learned(document: dict[str, Any]) -> dict[str, Learned]:
+    """The section `learned`; whether an entry suits an estimator is for that to judge."""
+    if "learned" not in document:
+        return {}
+    section = read.section(document["learned"], "learned")
+    if not section:
+        raise read.refusal("learned", document["learned"], "an entry for each estimator")
+    found = {}
+    for estimator, values in section.items():
+        where = f"learned.{estimator}"
+        given = _whole(values, where, ("robot", "saved", "biases", "zero"))
+        robot, saved = (read.text(given[key], f"{where}.{key}") for key in ("robot", "saved"))
+        biases = {}
+        for name, bias in read.section(given["biases"], f"{where}.biases").items():
+            biases[name] = read.pair(bias, f"{where}.biases.{name}", "value, standard deviation")
+            if biases[name][1] < 0.0:
+                raise read.refusal(f"{where}.biases.{name}", bias, "a standard deviation of 0 or more")
+        zero = {}
+        for joint, numbers in read.section(given["zero"], f"{where}.zero").items():
+            zero[joint] = read.number_list(numbers, f"{where}.zero.{joint}")
+            if len(numbers) not in (1, 4) or (len(numbers) == 4 and abs(math.hypot(*zero[joint]) - 1.0) > 1e-6):
+                raise read.refusal(f"{where}.zero.{joint}", numbers, "an angle, or x, y, z, w of length 1")
+        found[estimator] = Learned(robot, biases, zero, saved)
+    return found
 
 
 def _by_sensor(document: dict[str, Any], key: str, sensors: dict[str, Sensor]) -> list[tuple[str, str, Any]]:

@@ -45,17 +45,29 @@ class SensorSettings(Params):
 
 @dataclass(frozen=True)
 class Configuration:
-    """A robot, how its samples become frames, and the parameters of its estimators by name."""
+    """A robot, how its samples become frames, and the parameters of its estimators by name.
+
+    Attributes:
+        path: of the file.
+        calibration_file: that it names, whether it exists or not.
+        calibration_damage: why that file was left out; "" where it was not.
+    """
 
     robot: Robot
     timing: Timing
     estimators: dict[str, Params]
     path: Path | None = None
     calibration_file: Path | None = None
+    calibration_damage: str = ""
 
 
-def load(path: str | Path) -> Configuration:
+def load(path: str | Path, calibration_file: Path | None = None, *, tolerant: bool = False) -> Configuration:
     """Read a configuration file.
+
+    Args:
+        calibration_file: instead of the one that it names.
+        tolerant: a calibration file that is damaged is left out as a whole, and the configuration says why; a node
+            has to start, whatever became of the file. Otherwise it is refused.
 
     Raises:
         ConfigurationError: the file is missing or no YAML, or something in it is wrong; one line that names file,
@@ -66,13 +78,15 @@ def load(path: str | Path) -> Configuration:
     if text is None:
         raise ConfigurationError(f"{path}: no such configuration file")
     try:
-        return parse(text, path)
+        return parse(text, path, calibration_file, tolerant=tolerant)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
 
 
-def parse(text: str, path: Path | None = None) -> Configuration:
-    """Read a configuration from its YAML text. Raises ConfigurationError."""
+def parse(
+    text: str, path: Path | None = None, calibration_file: Path | None = None, *, tolerant: bool = False
+) -> Configuration:
+    """Read a configuration from its YAML text, as `load` does. Raises ConfigurationError."""
     sections = (
         "robot",
         "sensors",
@@ -90,17 +104,24 @@ def parse(text: str, path: Path | None = None) -> Configuration:
     for name, values in read.section(document.get("estimators"), "estimators", tuple(ESTIMATORS)).items():
         where = f"estimators.{name}"
         estimators[name] = ESTIMATORS[name].Params.from_mapping(read.section(values, where), where)
-    robot, calibrated = _robot(document), None
+    robot, damage = _robot(document), ""
     if "calibration_file" in document:
         name = read.text(document["calibration_file"], "calibration_file", "the name of a file")
-        calibrated = (path or Path()).parent / name
-        robot = calibration.load(calibrated, robot)
+        calibration_file = calibration_file or (path or Path()).parent / name
+    if calibration_file is not None:
+        try:
+            robot = calibration.load(calibration_file, robot)
+        except ConfigurationError as error:
+            if not tolerant:
+                raise
+            damage = str(error)
     return Configuration(
         robot=robot,
         timing=Timing.from_mapping(read.section(document.get("timing"), "timing"), "timing"),
         estimators=estimators,
         path=path,
-        calibration_file=calibrated,
+        calibration_file=calibration_file,
+        calibration_damage=damage,
     )
 
 

@@ -15,6 +15,7 @@ from jointest_ros import config
 from jointest_ros.config import calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import ExponentialCurve, HallSensor, SplineCurve
+from jointest_ros.core.learned import Learned
 
 ROBOT = """
 calibration_file: calibrated.yaml
@@ -81,10 +82,10 @@ def test_the_heading_is_a_comment_whatever_stands_in_it(robot: Path, calibrated:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("hall", GONE, "no section; give some of hall, accel, gyro, mountings, or remove the file"),
+        ("hall", GONE, "no section; give some of hall, accel, gyro, mountings, learned, or remove the file"),
         ("hall", None, "hall: None is not allowed; give 2 entries as in the configuration, or remove the file"),
         ("hall", {}, "hall: {} is not allowed"),
-        ("elbow", 1, "elbow: unknown key; allowed: hall, accel, gyro, mountings"),
+        ("elbow", 1, "elbow: unknown key; allowed: hall, accel, gyro, mountings, learned"),
         ("hall.1", GONE, "give 2 entries as in the configuration"),
         ("hall.0", None, "hall[0].joint: missing"),
         ("hall.0", "elbow", "hall[0]: 'elbow' is not allowed; give keys with values"),
@@ -177,6 +178,40 @@ def test_each_kind_of_calibration_leaves_the_others(robot: Path, calibrated: Pat
     assert comments == ["# by hand", "# weighed by hand", "# turned by hand", "# once more"]
 
 
+LEARNED = Learned("robot-1e5", {"upper.x": (0.0123456789012345, 1e-5)}, {"elbow": (0.6, 0.0, 0.0, 0.8)}, "2026-11-22")
+
+
+def test_what_estimators_learned_is_kept_by_each_and_comes_back_exactly(robot: Path, calibrated: Path) -> None:
+    calibration.save_learned(calibrated, "pcf", LEARNED, "first")
+    kckf = dataclasses.replace(LEARNED, zero={})
+    calibration.save_learned(calibrated, "kckf", kckf, "second")
+    calibration.save_hall(calibrated, FITTED, "third")
+    loaded = config.load(robot).robot
+    assert loaded.learned == {"pcf": LEARNED, "kckf": kckf}
+    assert loaded.hall[0].noise == 0.0123
+    assert calibration.heading(calibrated, "learned") == "second"
+
+
+def test_another_file_than_the_one_that_is_named(robot: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.yaml"
+    calibration.save_hall(other, FITTED, "")
+    loaded = config.load(robot, other)
+    assert loaded.calibration_file == other
+    assert loaded.robot.hall[0].noise == 0.0123
+
+
+@pytest.mark.parametrize("content", ["", "hall: [", "hall: []", "learned: {pcf: {}}", "accel: {wrist: {}}"])
+def test_a_node_leaves_out_a_damaged_file_as_a_whole(content: str, robot: Path, calibrated: Path) -> None:
+    """Sound sections of it too."""
+    before = config.parse(ROBOT.replace("calibration_file: calibrated.yaml", "")).robot
+    whole = calibrated.read_text(encoding="utf-8") if content.startswith(("learned", "accel")) else ""
+    calibrated.write_text(whole + content, encoding="utf-8")
+    loaded = config.load(robot, tolerant=True)
+    assert loaded.robot == before
+    assert loaded.calibration_damage.startswith(f"{calibrated}: ")
+    assert str(robot) + ": " + loaded.calibration_damage == refusal(robot)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -191,6 +226,14 @@ def test_each_kind_of_calibration_leaves_the_others(robot: Path, calibrated: Pat
         ("gyro: {upper: {scale: 1.0}}", "gyro.upper.scale"),
         ("gyro: {upper: {scale: [1, 1, 0]}}", "[1, 1, 0] is not allowed; give three numbers from 0.5"),
         ("mountings: {lower: {}}", "mountings.lower.quaternion: missing"),
+        ("learned: {}", "learned: {} is not allowed; give an entry for each estimator"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {}}}", "learned.pcf.zero: missing"),
+        ("learned: {pcf: {robot: 1, saved: s, biases: {}, zero: {}}}", "learned.pcf.robot: 1 is not allowed"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {a: 1.0}, zero: {}}}", "learned.pcf.biases.a: 1.0 is not"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {a: [.nan, 1]}, zero: {}}}", "learned.pcf.biases.a: [nan, 1]"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {a: [1, -1]}, zero: {}}}", "give a standard deviation of 0 or"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1, 2]}}}", "give an angle, or x, y, z, w"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1, 1, 1, 1]}}}", "give an angle, or x, y, z, w"),
     ],
 )
 def test_sections_by_sensor_are_refused_with_their_key(text: str, expected: str, robot: Path, calibrated: Path) -> None:

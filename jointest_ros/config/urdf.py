@@ -1,0 +1,268 @@
+"""A URDF as links, joints and sensors of a configuration (http://wiki.ros.org/urdf/XML).
+
+What is fixed together becomes one link. The frames of a URDF may be turned against each other at the zero pose; those
+of a configuration are not: every link takes the orientation of the root, so axes, origins and mountings are turned into
+it. The joint positions mean the same as before.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as xml
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jointest_ros.config import values as read
+from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.frame import Quat, Vec3
+from jointest_ros.core.robot import Joint, Sensor
+from jointest_ros.core.rotation import IDENTITY, dot, from_rpy, multiply, norm, rotate, unit
+
+_TURNING = ("revolute", "continuous")
+_WORLD = "world"
+_CONTAINED = ("visual", "collision", "inertial")
+
+
+@dataclass(frozen=True)
+class UrdfRobot:
+    """What a URDF says.
+
+    Attributes:
+        links: of the configuration, the root first; `world`: its root, where that stands still, or "".
+        sensors: IMUs; one for each frame or link that bears one.
+        folded: link -> links that are fixed to it.
+        warnings: what could not be taken over, one line each.
+    """
+
+    name: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    sensors: tuple[Sensor, ...]
+    world: str = ""
+    folded: dict[str, list[str]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """A joint of the URDF: the child's frame in the parent's."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    at: Vec3
+    turn: Quat
+    axis: Vec3
+    limits: tuple[float, float] | None
+
+
+@dataclass
+class _Place:
+    """Where the frame of a URDF link is: the link of the configuration, its origin there and its orientation."""
+
+    link: str
+    at: Vec3 = (0.0, 0.0, 0.0)
+    turn: Quat = IDENTITY
+
+
+def load_urdf(path: Path, imus: Collection[str] = ()) -> UrdfRobot:
+    """Read a URDF.
+
+    Args:
+        imus: links that are frames of IMUs; without any, those with "imu" in their name.
+
+    Raises:
+        ConfigurationError: it cannot be read, is no URDF, or its joints form no tree.
+    """
+    text = read.read_file(path, "URDF")
+    if text is None:
+        raise ConfigurationError(f"{path}: no such URDF file")
+    try:
+        return _parse(text, imus)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+
+
+def _parse(text: str, imus: Collection[str]) -> UrdfRobot:
+    try:
+        root = xml.fromstring(text)
+    except xml.ParseError as error:
+        raise ConfigurationError(f"no valid XML: {error}") from None
+    if root.tag != "robot":
+        raise ConfigurationError(f"no URDF: its first element is <{root.tag}>, not <robot>")
+    if "xacro" in text and re.search(r"<xacro:|\$\{", text):
+        raise ConfigurationError("it is a xacro file; make the URDF first: xacro FILE > robot.urdf")
+    links = [_name(link, "link") for link in root.iter("link") if link in list(root)]
+    edges = [_edge(joint) for joint in root.findall("joint")]
+    for edge in edges:
+        for name in (edge.parent, edge.child):
+            if name not in links:
+                raise ConfigurationError(f"joint '{edge.name}': '{name}' is not a link")
+    for name in imus:
+        if name not in links:
+            raise ConfigurationError(f"--imu: '{name}' is not a link; known: {', '.join(links)}")
+    bare = {
+        _name(link, "link")
+        for link in root.findall("link")
+        if not any(link.find(tag) is not None for tag in _CONTAINED)
+    }
+    sensors = dict.fromkeys(imus or [name for name in links if "imu" in name.lower()])
+    if not imus:
+        sensors.update(dict.fromkeys(_gazebo_imus(root, links)))
+    return _robot(root.get("name", "robot"), links, edges, list(sensors), bare)
+
+
+def _gazebo_imus(root: xml.Element, links: Collection[str]) -> Iterator[str]:
+    """Links that bear a simulated IMU."""
+    for gazebo in root.findall("gazebo"):
+        if gazebo.get("reference") in links and any(one.get("type") == "imu" for one in gazebo.iter("sensor")):
+            yield gazebo.get("reference", "")
+
+
+def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bare: Collection[str]) -> UrdfRobot:
+    children: dict[str, list[_Edge]] = {}
+    for edge in edges:
+        children.setdefault(edge.parent, []).append(edge)
+    below = {edge.child for edge in edges}
+    roots = [link for link in links if link not in below]
+    if not roots:
+        raise ConfigurationError("its joints form a loop")
+    places: dict[str, _Place] = {}
+    joints: list[Joint] = []
+    folded: dict[str, list[str]] = {}
+    warnings: list[str] = []
+    waiting = [(root, _Place(root)) for root in reversed(roots)]
+    while waiting:
+        link, place = waiting.pop()
+        if link in places:
+            raise ConfigurationError(f"link '{link}' is the child of two joints")
+        places[link] = place
+        if link != place.link:
+            folded.setdefault(place.link, []).append(link)
+        for edge in reversed(children.get(link, [])):
+            offset = rotate(place.turn, edge.at)
+            at = (place.at[0] + offset[0], place.at[1] + offset[1], place.at[2] + offset[2])
+            turn = multiply(place.turn, edge.turn)
+            if edge.kind in _TURNING:
+                limits = None if edge.limits is None else (edge.limits,)
+                axis = _tidy(rotate(turn, edge.axis))
+                continuous = edge.kind == "continuous"
+                joints.append(Joint(edge.name, place.link, edge.child, (axis,), limits, continuous, _tidy(at)))
+                waiting.append((edge.child, _Place(edge.child, turn=turn)))
+                continue
+            if edge.kind == "floating":
+                warnings.append(f"joint '{edge.name}' is floating: '{edge.child}' begins a tree of its own")
+                waiting.append((edge.child, _Place(edge.child)))
+                continue
+            if edge.kind != "fixed":
+                warnings.append(
+                    f"joint '{edge.name}' is {edge.kind}: taken as fixed, since it does not turn what it moves"
+                )
+            waiting.append((edge.child, _Place(place.link, at, turn)))
+    if len(places) < len(links):
+        raise ConfigurationError("its joints form a loop")
+    joints.sort(key=lambda joint: [edge.name for edge in edges].index(joint.name))
+    bearing = {places[imu].link for imu in imus}
+    joints, merged = _merged(joints, bare, bearing, folded)
+    sensors = tuple(Sensor(imu, places[imu].link, _tidy(places[imu].at), places[imu].turn) for imu in imus)
+    kept = [link for link in dict.fromkeys(place.link for place in places.values()) if link not in merged]
+    world = _WORLD if roots[0] == _WORLD and _WORLD not in bearing else ""
+    return UrdfRobot(name, tuple(kept), tuple(joints), sensors, world, folded, warnings)
+
+
+def _merged(
+    joints: list[Joint], bare: Collection[str], bearing: Collection[str], folded: dict[str, list[str]]
+) -> tuple[list[Joint], set[str]]:
+    """Successions of revolutes through links that are nothing but frames become joints of two and three axes.
+
+    Only where their names are `<joint>_<axis>`, so that the joint positions keep their names.
+    """
+    gone: set[str] = set()
+    result: list[Joint] = []
+    for joint in joints:
+        if joint.parent in gone:
+            continue
+        chain, name = [joint], re.sub(r"_[xyz]$", "", joint.name)
+        while len(chain) < 3:
+            link = chain[-1].child
+            after = [other for other in joints if other.parent == link]
+            frame = link in bare and link not in bearing and link not in folded
+            if len(after) != 1 or not frame or any(after[0].origin):
+                break
+            chain.append(after[0])
+        axes = tuple(one.axes[0] for one in chain)
+        whole = Joint(name, joint.parent, chain[-1].child, axes, _limits(chain), joint.continuous, joint.origin)
+        if len(chain) > 1 and whole.coordinates == tuple(one.name for one in chain):
+            result.append(whole)
+            gone |= {one.child for one in chain[:-1]}
+        else:
+            result.append(joint)
+    return result, gone
+
+
+def _limits(chain: list[Joint]) -> tuple[tuple[float, float], ...] | None:
+    pairs = [one.limits[0] for one in chain if one.limits is not None]
+    return tuple(pairs) if len(pairs) == len(chain) else None
+
+
+# ---------------------------------------------------------------- elements
+
+
+def _edge(joint: xml.Element) -> _Edge:
+    name, kind = _name(joint, "joint"), joint.get("type", "")
+    where = f"joint '{name}'"
+    parent, child = (_attribute(joint, tag, "link", where) for tag in ("parent", "child"))
+    origin, axis, limit = joint.find("origin"), joint.find("axis"), joint.find("limit")
+    at = _numbers(origin, "xyz", where, (0.0, 0.0, 0.0))
+    turn = from_rpy(*_numbers(origin, "rpy", where, (0.0, 0.0, 0.0)))
+    direction = _numbers(axis, "xyz", where, (1.0, 0.0, 0.0))
+    if kind in _TURNING and norm(direction) < 1e-9:
+        raise ConfigurationError(f"{where}: its axis has no length")
+    limits = None
+    if limit is not None and kind == "revolute":
+        low, high = (_number(limit.get(key, "0"), f"{where}: limit") for key in ("lower", "upper"))
+        limits = (low, high) if low < high else None
+    return _Edge(name, kind, parent, child, at, turn, unit(direction) if norm(direction) else direction, limits)
+
+
+def _name(element: xml.Element, what: str) -> str:
+    name = element.get("name")
+    if not name:
+        raise ConfigurationError(f"a <{what}> has no name")
+    return name
+
+
+def _attribute(joint: xml.Element, tag: str, key: str, where: str) -> str:
+    element = joint.find(tag)
+    if element is None or not element.get(key):
+        raise ConfigurationError(f'{where}: <{tag} {key}="..."/> is missing')
+    return element.get(key, "")
+
+
+def _numbers(element: xml.Element | None, key: str, where: str, default: Vec3) -> Vec3:
+    if element is None or element.get(key) is None:
+        return default
+    values = [_number(part, f"{where}: {key}") for part in element.get(key, "").split()]
+    if len(values) != len(default):
+        raise ConfigurationError(f"{where}: {key} '{element.get(key)}' is not allowed; give three numbers")
+    return values[0], values[1], values[2]
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigurationError(f"{where} '{text}' is not allowed; give a number")
+    return value
+
+
+def _tidy(vector: Vec3) -> Vec3:
+    """Without the noise of rotations by right angles; axes along x, y, z become exactly that."""
+    x, y, z = (round(component, 9) + 0.0 for component in vector)
+    length = dot((x, y, z), (x, y, z)) ** 0.5
+    return unit((x, y, z)) if abs(length - 1.0) < 1e-7 else (x, y, z)
