@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jointest_ros.core.frame import FloatArray, Frame, Recording, Vec3
+from jointest_ros.core.frame import FloatArray, Recording, Vec3
 from jointest_ros.core.stillness import Stillness
 
 _SHORTEST = 0.02  # s, of a window
@@ -69,7 +69,7 @@ class WindowMeans:
 
 @dataclass
 class Windows:
-    """Takes consecutive frames, gives their `WindowMeans`."""
+    """Takes consecutive stretches of frames, gives their `WindowMeans`."""
 
     sensors: tuple[str, ...]
     stillness: Stillness
@@ -80,12 +80,11 @@ class Windows:
     _still: list[StillPhase] = field(default_factory=list)
     _newest: StillPhase | None = None
 
-    def add(self, frames: list[Frame]) -> None:
-        """The next frames."""
-        if not frames:
-            return
-        recording = Recording.from_frames(frames)
+    def add(self, recording: Recording) -> None:
+        """The next stretch."""
         stamps = recording.stamps
+        if not len(stamps):
+            return
         if not self._length:
             steps = np.diff(stamps)
             period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0

@@ -174,7 +174,12 @@ def errors(
 
 
 def torso_errors(series: Series, chain: TorsoChain, truth: Truth, skip_s: float = 0.0) -> dict[str, Any]:
-    """`torso` of the JSON: `x`, `y`, `z` (rotation vector, or sums of angles when additive) and `geodesic`, degrees.
+    """`torso` of the JSON: figures of each `torso_error`."""
+    return {name: error.figures() for name, error in torso_error(series, chain, truth, skip_s).items()}
+
+
+def torso_error(series: Series, chain: TorsoChain, truth: Truth, skip_s: float = 0.0) -> dict[str, MatchedError]:
+    """Errors of the torso: `x`, `y`, `z` (rotation vector, or sums of angles when additive) and `geodesic`, degrees.
 
     The true torso is made of the true joint angles by the estimator's own kinematics; samples in which the truth of a
     joint is unknown are left out.
@@ -191,8 +196,9 @@ def torso_errors(series: Series, chain: TorsoChain, truth: Truth, skip_s: float 
     vectors, quaternions = torsos_of(chain.axes, position[known][matched], chain.composed)
     difference = np.degrees(series.torso[rows] - vectors)
     turn = Rotation.from_quat(series.torso_orientation[rows]).inv() * Rotation.from_quat(quaternions)
-    table = {name: summarize(difference[:, column], expected) for column, name in enumerate("xyz")}
-    return {**table, "geodesic": summarize(np.degrees(turn.magnitude()), expected)}
+    parts = {**dict(zip("xyz", difference.T, strict=True)), "geodesic": np.degrees(turn.magnitude())}
+    stamps = truth.stamps[known][matched]
+    return {name: MatchedError(stamps, rows, degrees, expected) for name, degrees in parts.items()}
 
 
 def has_figures(table: Mapping[str, Any]) -> bool:

@@ -3,98 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jointest_ros.core.frame import FloatArray, Series
-from jointest_ros.evaluation.metrics import MatchedError, after, inclination_error, joint_error
+from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation.panels import Curve, Panel, line
 from jointest_ros.evaluation.picture import PlotError, save
-from jointest_ros.evaluation.truth import Truth
 
 SUFFIXES = (".png", ".svg", ".pdf")
-_STRETCHES = 1500  # a longer line is drawn by the lowest and highest value of so many stretches of time
-_GAP = 10  # intervals without a sample that interrupt a line
 _ROWS = 4  # panels in one column
 _WIDTH, _HEIGHT = 10.0, 3.2  # inches, of one panel
-
-
-@dataclass(frozen=True)
-class Curve:
-    """What one estimator gives at the truth samples that it matches: (K,) each.
-
-    Attributes:
-        seconds: after the first truth sample.
-        error: estimate minus truth, deg.
-        estimate: deg; None where an error has no angle to it (inclination).
-        spread: two reported standard deviations, deg; None where none is reported.
-    """
-
-    seconds: FloatArray
-    error: FloatArray
-    estimate: FloatArray | None = None
-    spread: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One joint, or the inclination of one sensor: curves by estimator, and the truth as (s, deg) for a joint."""
-
-    name: str
-    curves: dict[str, Curve]
-    truth: tuple[FloatArray, FloatArray] | None = None
 
 
 def check_suffix(path: Path) -> None:
     """Raise a `PlotError` unless the suffix of `path` is that of a picture."""
     if path.suffix.lower() not in SUFFIXES:
         raise PlotError(f"{path}: the suffix '{path.suffix}' is not allowed; give one of {', '.join(SUFFIXES)}")
-
-
-def panels(
-    series: Mapping[str, Series],
-    joints: Mapping[str, tuple[str, ...]],
-    truth: Truth,
-    skip_s: float = 0.0,
-    continuous: Collection[str] = (),
-) -> list[Panel]:
-    """Whatever an estimator can be compared with the truth in, joints first.
-
-    Args:
-        series: estimates by estimator.
-        joints: by estimator, the columns of its series.
-        skip_s, continuous: as in `metrics.errors`.
-    """
-    found = []
-    for joint, angles in truth.position.items():
-        curves = {}
-        for name, columns in joints.items():
-            if joint in columns:
-                column, one = columns.index(joint), series[name]
-                error = joint_error(one, column, truth, joint, skip_s, wrapped=joint in continuous)
-                if error is not None and len(error.rows):
-                    estimate = np.degrees(one.position[error.rows, column])
-                    spread = 2.0 * np.degrees(np.sqrt(one.variance[error.rows, column]))
-                    reported = spread if np.isfinite(spread).all() else None  # peers report none
-                    curves[name] = Curve(_seconds(error.stamps, truth.stamps), error.degrees, estimate, reported)
-        known = after(truth.stamps, skip_s) & np.isfinite(angles)
-        if curves:
-            found.append(Panel(joint, curves, (_seconds(truth.stamps[known], truth.stamps), np.degrees(angles[known]))))
-    for sensor, (stamps, _) in truth.orientation.items():
-        errors: dict[str, MatchedError | None] = {
-            name: inclination_error(one, truth, sensor, skip_s) for name, one in series.items()
-        }
-        curves = {
-            name: Curve(_seconds(error.stamps, stamps), error.degrees)
-            for name, error in errors.items()
-            if error is not None and len(error.rows)
-        }
-        if curves:
-            found.append(Panel(f"inclination of {sensor}", curves))
-    return found
 
 
 def draw(path: Path, title: str, shown: list[Panel]) -> None:
@@ -183,20 +109,3 @@ def _limits(curves: Collection[Curve]) -> tuple[float, float]:
     high = max(usual, 0.0, *(float(curve.error.max()) for curve in curves))
     margin = 0.08 * (high - low) or 1.0
     return low - margin, high + margin
-
-
-def line(seconds: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(K,) rising times and values as they are drawn: thinned where there are many, NaN where samples are missing."""
-    if len(values) > 2 * _STRETCHES:
-        edges = np.linspace(seconds[0], seconds[-1], _STRETCHES, endpoint=False)
-        first = np.unique(np.searchsorted(seconds, edges))
-        low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
-        seconds, values = np.repeat(seconds[first], 2), np.column_stack([low, high]).ravel()
-    steps = np.diff(seconds)
-    usual = np.median(steps[steps > 0.0]) if (steps > 0.0).any() else np.inf
-    gaps = np.flatnonzero(steps > _GAP * usual) + 1
-    return np.insert(seconds, gaps, np.nan), np.insert(values, gaps, np.nan)
-
-
-def _seconds(stamps: NDArray[np.int64], all_stamps: NDArray[np.int64]) -> FloatArray:
-    return (stamps - all_stamps[0]) * 1e-9

@@ -30,7 +30,7 @@ def means_of(recording: Recording, chunk: int = 2048) -> WindowMeans:
     sensors = tuple(recording.gyro)
     windows = Windows(sensors, stillness(*sensors))
     for part in recording.parts(chunk):
-        windows.add(list(part.frames()))
+        windows.add(part)
     return windows.means()
 
 

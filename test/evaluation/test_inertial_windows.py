@@ -74,6 +74,6 @@ def test_still_phases() -> None:
 
 def test_nothing_gives_nothing() -> None:
     windows = Windows(("a",), stillness("a"))
-    windows.add([])
+    windows.add(Recording.from_frames([]))
     means = windows.means()
     assert len(means.start) == 0 and not means.still and not means.given

@@ -1,0 +1,1 @@
+"""What a recording and a configuration show of each other before any estimator runs."""
