@@ -6,12 +6,26 @@ import importlib.util
 import os
 import signal
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 from processes import Process, start
 
+if TYPE_CHECKING:
+    from listener import Listener
+
 if importlib.util.find_spec("rclpy") is None:
     collect_ignore_glob = ["test_*.py"]
+
+
+@pytest.fixture
+def listener() -> Iterator[Listener]:
+    """Hears what was launched."""
+    from listener import Listener  # which needs ROS
+
+    one = Listener()
+    yield one
+    one.close()
 
 
 @pytest.fixture

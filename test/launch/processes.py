@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from jointest_ros.core.catalogue import ESTIMATORS
+
 PROJECT = Path(__file__).resolve().parents[2]
 TIMEOUT = 60.0  # s, far more than anything takes
 
@@ -23,10 +25,9 @@ def _command(name: str, module: str) -> list[str]:
     return [sys.executable, "-c", f"import sys; from {module} import main; sys.exit(main())"]
 
 
-_COMMANDS = {
-    "jointest": _command("jointest", "jointest_ros.cli.main"),
-    "pcf_node": _command("pcf_node", "jointest_ros.nodes.pcf_node"),
-    "sim_hardware_node": _command("sim_hardware_node", "jointest_ros.nodes.sim_hardware_node"),
+_COMMANDS = {"jointest": _command("jointest", "jointest_ros.cli.main")} | {
+    name: _command(name, f"jointest_ros.nodes.{name}")
+    for name in ("sim_hardware_node", *(f"{estimator}_node" for estimator in ESTIMATORS))
 }
 
 

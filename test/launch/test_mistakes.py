@@ -106,3 +106,17 @@ def test_help(name: str, outcomes: Outcomes) -> None:
         for spec in dataclasses.fields(kind):
             assert f"  {spec.name}: " in done.stdout
             assert spec.metadata["description"] in done.stdout
+
+
+@pytest.mark.parametrize("enclave", ["/jointest/pcf_node", "/nowhere"])
+def test_security_that_cannot_start(
+    enclave: str, tmp_path: Path, finger_config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An enclave without keys or without a folder, or no security in the middleware: no traceback."""
+    (tmp_path / "enclaves" / "jointest" / "pcf_node").mkdir(parents=True)
+    for name, value in (("KEYSTORE", str(tmp_path)), ("ENABLE", "true"), ("STRATEGY", "Enforce")):
+        monkeypatch.setenv(f"ROS_SECURITY_{name}", value)
+    done = run("pcf_node", "--ros-args", "--enclave", enclave, "-p", f"config:={finger_config}")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.splitlines()[-1].startswith("pcf_node: error: ROS cannot start: ")
+    assert "Traceback" not in done.stderr

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import re
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
-from processes import TIMEOUT, Process, finish, run
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
+from listener import Listener
+from processes import Process, finish, run
 
 from jointest_ros import config
 from jointest_ros.bags import offline
@@ -24,48 +19,6 @@ from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.pcf.pcf import Pcf
 
 Launch = Callable[..., Process]
-
-
-class Listener:
-    """Hears joint states; `until` waits."""
-
-    def __init__(self) -> None:
-        self.context = Context()
-        rclpy.init(args=[], context=self.context)
-        self.node = Node("listener", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.states: list[JointState] = []
-        self.node.create_subscription(JointState, "joint_states", self.states.append, 10_000)
-
-    def until(self, condition: Callable[[], bool], what: str) -> None:
-        """Spin until `condition()` is true."""
-        end = time.monotonic() + TIMEOUT
-        while not condition():
-            assert time.monotonic() < end, f"waited in vain for {what}"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def spin_for(self, seconds: float) -> None:
-        """Spin for a while."""
-        end = time.monotonic() + seconds
-        self.until(lambda: time.monotonic() >= end, "the time to pass")
-
-    def topics(self) -> list[str]:
-        """Names of all topics that are known."""
-        return [topic for topic, _ in self.node.get_topic_names_and_types()]
-
-    def close(self) -> None:
-        """Free everything."""
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.try_shutdown(context=self.context)
-
-
-@pytest.fixture
-def listener() -> Iterator[Listener]:
-    one = Listener()
-    yield one
-    one.close()
 
 
 def trouble(text: str) -> str | None:

@@ -1,10 +1,8 @@
-"""The gripper rig against independent kinematics, and its configuration and URDF against the rig."""
+"""The gripper rig against independent kinematics, and its configuration against the rig."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -135,69 +133,3 @@ def test_the_configuration_is_the_rig() -> None:
         assert found.mounting == pytest.approx(expected.mounting)
         assert (found.gyro_noise, found.gyro_bias_walk) == pytest.approx((expected.gyro_noise, expected.gyro_bias_walk))
         assert found.accel_noise == pytest.approx(expected.accel_noise, rel=1e-3)
-
-
-Joints = dict[str, ElementTree.Element]
-
-
-@pytest.fixture(scope="module")
-def urdf() -> Joints:
-    """The joints of the URDF by name."""
-    root = ElementTree.parse(PROJECT / "urdf" / "softhand_gripper.urdf").getroot()
-    links = [link.get("name") for link in root.iter("link")]
-    joints = {joint.get("name", ""): joint for joint in root.iter("joint")}
-    children = [joint.find("child").get("link") for joint in joints.values()]
-    assert len(set(links)) == len(links) and len(set(children)) == len(children)
-    assert set(links) - set(children) == {"world"}  # one tree
-    assert {joint.find("parent").get("link") for joint in joints.values()} <= set(links)
-    return joints
-
-
-def numbers(joint: ElementTree.Element, what: str, key: str = "xyz") -> list[float]:
-    return [float(number) for number in joint.find(what).get(key).split()]
-
-
-def test_the_urdf_has_the_joints_of_the_configuration(urdf: Joints) -> None:
-    """Every position that pcf_node publishes has its joint, with the same axis, place and limits."""
-    robot = config.load(PROJECT / "config" / "softhand_gripper.yaml").robot
-    mimics = {name for name, joint in urdf.items() if joint.find("mimic") is not None}
-    assert set(urdf) - mimics == set(robot.coordinates)
-    for joint in robot.joints:
-        for coordinate, axis in zip(joint.coordinates, joint.axes, strict=True):
-            assert numbers(urdf[coordinate], "axis") == list(axis)
-        first = urdf[joint.coordinates[0]]
-        assert numbers(first, "origin") == pytest.approx(joint.origin)
-        assert first.find("parent").get("link") == joint.parent
-        if joint.limits is not None:
-            limit = first.find("limit")
-            assert (float(limit.get("lower")), float(limit.get("upper"))) == pytest.approx(joint.limits[0], abs=1e-6)
-    for name in mimics:
-        mimic, axis = urdf[name].find("mimic"), numbers(urdf[name], "axis")
-        assert mimic.get("multiplier") == "0.5" and axis == numbers(urdf[mimic.get("joint")], "axis")
-    assert len(mimics) == 2 * len(FINGERS)
-
-
-def test_the_urdf_puts_every_link_where_the_configuration_does(urdf: Joints) -> None:
-    """Forward kinematics of both at random angles, which the virtual links and mimic joints must make equal."""
-    robot = config.load(PROJECT / "config" / "softhand_gripper.yaml").robot
-    generator = np.random.default_rng(0)
-    angles = dict(zip(robot.coordinates, generator.uniform(-0.3, 1.5, 9).tolist(), strict=True))
-    by_child = {joint.find("child").get("link"): (name, joint) for name, joint in urdf.items()}
-
-    def pose(link: str) -> FloatArray:
-        if link not in by_child:
-            return np.eye(4)
-        name, joint = by_child[link]
-        mimic = joint.find("mimic")
-        angle = angles[name] if mimic is None else float(mimic.get("multiplier")) * angles[mimic.get("joint")]
-        step = np.eye(4)
-        step[:3, :3] = Rotation.from_rotvec(angle * np.array(numbers(joint, "axis"))).as_matrix()
-        step[:3, 3] = numbers(joint, "origin")
-        return pose(joint.find("parent").get("link")) @ step
-
-    for link, expected in link_poses(robot, angles).items():
-        found = pose(link)
-        np.testing.assert_allclose(found[:3, 3], expected.position, atol=1e-12)
-        turn = Rotation.from_matrix(found[:3, :3]).inv() * Rotation.from_quat(expected.orientation)
-        assert turn.magnitude() < 1e-7, link
-    assert math.dist(pose("left_distal")[:3, 3], (0.0, 0.0, 0.0)) > 0.05

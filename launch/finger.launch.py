@@ -1,0 +1,10 @@
+"""The soft finger: `ros2 launch jointest_ros finger.launch.py`; `--show-args` lists the arguments."""
+
+from launch import LaunchDescription
+
+from jointest_ros.view.description import launch_description
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Called by `ros2 launch`."""
+    return launch_description("finger")
