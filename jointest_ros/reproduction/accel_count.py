@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import ANALYTICAL, BOUND, COLORS, JOINT_EKF, PRINTED_EKF
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -21,27 +26,20 @@ RUNS = 60
 FIXED = 5  # N_a of Fig. 5 (a)
 METHODS = (ANALYTICAL, PRINTED_EKF, BOUND)
 
+Places = tuple[int, int]  # accelerometers in a row on link a and b
+ENDS: Places = (0, 0)
 
-def run(report: Report, options: Options) -> Result:
+
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """All pairs of numbers, then ten accelerometers at the ends of the arrays beside ten in a row."""
     runs = options.runs or RUNS
     seeds = range(options.seed, options.seed + runs)
     pairs = [(a, b) for a in NUMBERS for b in NUMBERS]
-    motions = [placed(row(MIDDLE, SPAN, a), row(MIDDLE, SPAN, b)) for a, b in pairs]
-    diagonal = [motions[pairs.index((number, number))] for number in NUMBERS]
-    ends = placed(at_ends(NUMBERS[-1]), at_ends(NUMBERS[-1]))
-    steps, done = trials.blocks(len(motions) + 1, runs) + len(diagonal) + 1, 0
-
-    def step() -> None:
-        nonlocal done
-        report(done, steps)
-        done += 1
-
-    found = angles([*motions, ends], seeds, step)
-    joint = []
-    for one in (*diagonal, ends):
-        step()
-        joint.append(joint_angle(one, seeds))
+    alike = [*((number, number) for number in NUMBERS), ENDS]
+    wanted: list[partial[Any]] = [partial(joint_angle, places, seeds) for places in alike]
+    wanted += [partial(angles, block, seeds) for block in trials.blocks([*pairs, ENDS], runs)]
+    results = list(jobs.run(wanted, workers, report))
+    joint, found = results[: len(alike)], trials.joined(results[len(alike) :])
     tables = {method: values[:-1].reshape(len(NUMBERS), -1) for method, values in found.items()}
     last = {method: float(values[-1]) for method, values in found.items()} | {JOINT_EKF: joint[-1]}
     same = {method: np.diag(values) for method, values in tables.items()} | {JOINT_EKF: np.array(joint[:-1])}
@@ -83,8 +81,11 @@ def run(report: Report, options: Options) -> Result:
     )
 
 
-def placed(a: FloatArray, b: FloatArray) -> CrankMotion:
-    """The motion, with accelerometers at these positions."""
+def placed(places: Places) -> CrankMotion:
+    """The motion, with so many accelerometers in a row on either link; `ENDS`: ten on each, half of them at an end."""
+    if places == ENDS:
+        return motion(SCENARIO, positions=(at_ends(NUMBERS[-1]),) * 2)
+    a, b = (row(MIDDLE, SPAN, number) for number in places)
     return motion(SCENARIO, positions=(a, b))
 
 
@@ -94,14 +95,16 @@ def at_ends(number: int) -> FloatArray:
     return np.repeat(ends, (number // 2, number - number // 2), axis=0)
 
 
-def angles(motions: list[CrankMotion], seeds: range, done: trials.Done) -> dict[str, FloatArray]:
+def angles(places: Sequence[Places], seeds: range) -> dict[str, FloatArray]:
     """(placements,) deg, RMSE or bound of the angle by method."""
-    found = trials.sweep(motions, SCENARIO.sigma, seeds, done)
+    motions = [placed(one) for one in places]
+    found = trials.sweep(motions, SCENARIO.sigma, seeds)
     return found | {BOUND: trials.bounds(motions, SCENARIO.sigma)[:, 2]}
 
 
-def joint_angle(one: CrankMotion, seeds: range) -> float:
+def joint_angle(places: Places, seeds: range) -> float:
     """RMSE of the angle by the joint model, deg."""
+    one = placed(places)
     case = trials.case(one, SCENARIO.sigma, seeds)
     return float(trials.settled_rmse(trials.joint_model(case, trials.near_truth(one)), one)[2])
 

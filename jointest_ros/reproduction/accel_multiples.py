@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_table2 import RATED, STATES, settled
 from jointest_ros.reproduction.accel_trials import (
@@ -25,18 +29,19 @@ RUNS = 100
 SHADES = COLORS | {PAPER_EKF: "#56b4e9", TRAPEZOID_EKF: "#009e73", TRAPEZOID_UKF: "#f0e442", JOINT_SMOOTHER: "#999999"}
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """All scenarios of the slider-crank."""
     runs = options.runs or RUNS
     seeds = range(options.seed, options.seed + runs)
     rows: list[tuple[Cell, ...]] = []
     multiples: dict[str, list[FloatArray]] = {method: [] for method in METHODS}
-    for number, (name, length) in enumerate(CASES):
-        one = trials.case(motion(name, length), SCENARIOS[name].sigma, seeds)
-        limits = {smoother: trials.bounds([one.motion], one.sigma, smoother=smoother)[0] for smoother in (False, True)}
-        for step, method in enumerate(METHODS):
-            report(number * len(METHODS) + step, len(CASES) * len(METHODS))
-            error, limit = settled(one, method), limits[method == JOINT_SMOOTHER]
+    wanted = [partial(_settled, *case, method, seeds) for case in CASES for method in METHODS]
+    errors = iter(list(jobs.run(wanted, workers, report)))
+    for name, length in CASES:
+        one, sigma = motion(name, length), SCENARIOS[name].sigma
+        limits = {smoother: trials.bounds([one], sigma, smoother=smoother)[0] for smoother in (False, True)}
+        for method in METHODS:
+            error, limit = next(errors), limits[method == JOINT_SMOOTHER]
             multiples[method].append(error / limit)
             if method in (METHODS[0], JOINT_SMOOTHER):
                 what = BOUND if method != JOINT_SMOOTHER else f"{BOUND} of smoothers"
@@ -65,6 +70,10 @@ def run(report: Report, options: Options) -> Result:
         ),
         size=(11.0, 7.0),
     )
+
+
+def _settled(scenario: str, length: float, method: str, seeds: range) -> FloatArray:
+    return settled(trials.case(motion(scenario, length), SCENARIOS[scenario].sigma, seeds), method)
 
 
 def _title(name: str, length: float) -> str:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import BOUND, JOINT_EKF, PRINTED_EKF
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -23,27 +29,17 @@ SHORT = {PRINTED_EKF: "EKF", BOUND: "bound"}
 Grid = FloatArray  # (ratios, means, spans) deg
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """All placements of both figures."""
     runs = options.runs or RUNS
     seeds = range(options.seed, options.seed + runs)
-    motions = [placed(mean, span, ratio) for ratio in RATIOS for mean in MEANS_B for span in SPANS_B]
-    steps, done = trials.blocks(len(motions), runs) + len(MEANS_B), 0
-
-    def step() -> None:
-        nonlocal done
-        report(done, steps)
-        done += 1
-
+    places = [(mean, span, ratio) for ratio in RATIOS for mean in MEANS_B for span in SPANS_B]
+    wanted: list[partial[Any]] = [partial(joint_angle, mean, seeds) for mean in MEANS_B]
+    wanted += [partial(angles, block, seeds) for block in trials.blocks(places, runs)]
+    results = list(jobs.run(wanted, workers, report))
+    joint, found = results[: len(MEANS_B)], trials.joined(results[len(MEANS_B) :])
     shape = len(RATIOS), len(MEANS_B), len(SPANS_B)
-    grids: dict[str, Grid] = {
-        PRINTED_EKF: trials.sweep(motions, SCENARIO.sigma, seeds, step)[PRINTED_EKF].reshape(shape),
-        BOUND: trials.bounds(motions, SCENARIO.sigma)[:, 2].reshape(shape),
-    }
-    joint = []
-    for mean in MEANS_B:
-        step()
-        joint.append(joint_angle(mean, seeds))
+    grids: dict[str, Grid] = {method: found[method].reshape(shape) for method in METHODS}
     fig6 = {method: grid[RATIOS.index(1.0)] for method, grid in grids.items()}
     return Result(
         conditions=(
@@ -76,6 +72,13 @@ def run(report: Report, options: Options) -> Result:
 def placed(mean_b: float, span_b: float, ratio: float = 1.0) -> CrankMotion:
     """The motion, with two accelerometers on each link."""
     return motion(SCENARIO, positions=(row(MEAN_A, MEAN_A / ratio), row(mean_b, span_b)))
+
+
+def angles(places: Sequence[tuple[float, float, float]], seeds: range) -> dict[str, FloatArray]:
+    """(placements,) deg, RMSE or bound of the angle by method; a place is l_b, d_b and l_a / d_a."""
+    motions = [placed(*one) for one in places]
+    found = trials.sweep(motions, SCENARIO.sigma, seeds)
+    return found | {BOUND: trials.bounds(motions, SCENARIO.sigma)[:, 2]}
 
 
 def joint_angle(mean_b: float, seeds: range) -> float:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import (
     ANALYTICAL,
@@ -40,6 +45,7 @@ PAPER: dict[tuple[str, str], tuple[float, float, float]] = {
 }
 SCENARIO = "T2"
 RUNS, RATED_RUNS = 1000, 200
+BLOCK = 500  # trials of a job
 BAND = (5.0, 50.0, 95.0)  # percentiles
 # Whose settled errors are given as multiples of the bound, over the first RATED_RUNS trials.
 RATED = (PRINTED_EKF, PAPER_EKF, TRAPEZOID_EKF, TRAPEZOID_UKF, JOINT_EKF)
@@ -47,28 +53,28 @@ RATED = (PRINTED_EKF, PAPER_EKF, TRAPEZOID_EKF, TRAPEZOID_UKF, JOINT_EKF)
 Distributions = dict[tuple[str, str, int], FloatArray]  # state, method, L in cm -> RMSE of every trial
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """All entries of the table, and our filters beside the bound."""
     runs = options.runs or RUNS
     seeds = range(options.seed, options.seed + runs)
-    steps = len(LENGTHS_CM) * (2 + len(RATED))
+    sigma = SCENARIOS[SCENARIO].sigma
+    wanted: dict[Any, partial[Any]] = {}
+    for length in LENGTHS_CM:
+        for method in reversed(RATED):  # what takes long first
+            wanted[length, method] = partial(_settled, length, method, seeds[:RATED_RUNS])
+        for first in range(0, runs, BLOCK):
+            wanted[length, first] = partial(_distributions, length, seeds[first : first + BLOCK])
+    results = dict(zip(wanted, jobs.run([*wanted.values()], workers, report), strict=True))
     found: Distributions = {}
     ratios: list[tuple[Cell, ...]] = []
-    done = 0
     for length in LENGTHS_CM:
-        report(done, steps)
-        sigma = SCENARIOS[SCENARIO].sigma
-        one = trials.case(motion(SCENARIO, length / 100.0), sigma, seeds)
-        found |= {(*key, length): values for key, values in distributions(one).items()}
-        done += 2
-        one = trials.case(one.motion, sigma, seeds[:RATED_RUNS])
-        limit = trials.bounds([one.motion], sigma)[0]
+        blocks = [results[length, first] for first in range(0, runs, BLOCK)]
+        found |= {(*key, length): np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
+        limit = trials.bounds([motion(SCENARIO, length / 100.0)], sigma)[0]
         ratios.append((length, BOUND, *limit.tolist(), None, None, None))
         for method in RATED:
-            report(done, steps)
-            error = settled(one, method)
+            error = results[length, method]
             ratios.append((length, method, *error.tolist(), *(error / limit).tolist()))
-            done += 1
     return Result(
         conditions=(
             f"Slider-crank, crank angle 90 deg x sin(2 pi 0.1 Hz t), crank L, rod 2 L, two accelerometers on each link "
@@ -134,6 +140,18 @@ def settled(one: Case, method: str) -> FloatArray:
         states = trials.joint_model(one, start, smoothed=method == JOINT_SMOOTHER)
         return trials.settled_rmse(states, one.motion)
     return trials.settled_rmse(trials.paper_filter(one, method, start, trials.START_VARIANCE), one.motion)
+
+
+def _case(length_cm: float, seeds: range) -> Case:
+    return trials.case(motion(SCENARIO, length_cm / 100.0), SCENARIOS[SCENARIO].sigma, seeds)
+
+
+def _distributions(length_cm: float, seeds: range) -> dict[tuple[str, str], FloatArray]:
+    return distributions(_case(length_cm, seeds))
+
+
+def _settled(length_cm: float, method: str, seeds: range) -> FloatArray:
+    return settled(_case(length_cm, seeds), method)
 
 
 def _rows(found: Distributions) -> list[tuple[Cell, ...]]:

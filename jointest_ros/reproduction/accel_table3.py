@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +13,8 @@ from jointest_ros.core.accel.ekf import AccelEkf
 from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import Robot
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import COLORS, JOINT_EKF, PRINTED_EKF, PRINTED_UKF, SMOOTHED
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -52,18 +55,22 @@ CAUSES = {
 }
 ONE_SENSOR = "bno055"  # of the second table
 RUNS, DURATION_S, RATE_HZ = 4, 15.0, 100.0
+BLOCK = 4  # settings of a job
 
 Setting = tuple[str, str, str]  # cause, movement, sensor
 Errors = dict[tuple[str, str, str, str], FloatArray]  # those and the method -> (draws,) deg
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """All entries of the table, then one sensor by the causes of its errors."""
     runs, duration = options.runs or RUNS, options.duration_s or DURATION_S
     seeds = range(options.seed, options.seed + runs)
     chosen = [(ALL, movement, sensor) for movement in MOVEMENTS for sensor in SENSORS]
     chosen += [(cause, movement, ONE_SENSOR) for cause in CAUSES if cause != ALL for movement in MOVEMENTS]
-    found = errors(chosen, seeds, duration, report)
+    blocks = [tuple(chosen[first : first + BLOCK]) for first in range(0, len(chosen), BLOCK)]
+    found: Errors = {}
+    for part in jobs.run([partial(errors, block, seeds, duration) for block in blocks], workers, report):
+        found |= part
     return Result(
         conditions=(
             "Paper: measured on an arm of two links with an encoder. Ours: simulated by the sensors' data sheets, at "
@@ -92,7 +99,7 @@ def run(report: Report, options: Options) -> Result:
     )
 
 
-def errors(settings: Sequence[Setting], seeds: range, duration_s: float, report: Report) -> Errors:
+def errors(settings: Sequence[Setting], seeds: range, duration_s: float) -> Errors:
     """RMSE of the angle in every setting; one draw of the sensors' errors for each seed."""
     recordings = [draws(setting, seeds, duration_s) for setting in settings]
     truth = [-one[0].truth_position[:, 0] for one in recordings]  # th_ab
@@ -102,7 +109,6 @@ def errors(settings: Sequence[Setting], seeds: range, duration_s: float, report:
     states = {method: _printed(method, recordings, readings) for method in (PRINTED_EKF, PRINTED_UKF)}
     found: Errors = {}
     for number, (setting, one) in enumerate(zip(settings, recordings, strict=True)):
-        report(number, len(settings))
         difference = {SMOOTHED: means[number] - truth[number][margin:-margin]}
         difference |= {method: values[number] - truth[number] for method, values in states.items()}
         estimates = [AccelEkf(draw.robot).run(draw.recording).position[:, 0] for draw in one]

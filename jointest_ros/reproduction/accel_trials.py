@@ -5,8 +5,9 @@ The conditions are those of the specification, section 3: sample 0 is an update,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,7 +44,7 @@ SETTLED = 100  # samples that do not count, where it is said so
 START_VARIANCE = 0.01  # of w_a, w_b, th; rad and s
 BLOCK = 512  # trials of a sweep that are in memory together
 
-Done = Callable[[], None]
+PlaceT = TypeVar("PlaceT")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,34 +137,30 @@ def bounds(motions: Sequence[CrankMotion], sigma: float, *, smoother: bool = Fal
     return rms_deg(bound(truth.state, truth.joint_acceleration, known, PERIOD, smoother=smoother), SETTLED)
 
 
-def sweep(motions: Sequence[CrankMotion], sigma: float, seeds: Sequence[int], done: Done) -> dict[str, FloatArray]:
+def sweep(motions: Sequence[CrankMotion], sigma: float, seeds: Sequence[int]) -> dict[str, FloatArray]:
     """RMSE of the angle, (placements,) deg, by `ANALYTICAL` and `PRINTED_EKF` for motions that differ in the placement.
 
-    Trials of many placements run together. `done` is called after each of `blocks(len(motions), len(seeds))`.
+    Trials of all placements run together: see `blocks`.
     """
-    found: dict[str, list[FloatArray]] = {ANALYTICAL: [], PRINTED_EKF: []}
-    truth, size = motions[0], _placements(len(seeds))
-    for first in range(0, len(motions), size):
-        cases = [case(one, sigma, seeds) for one in motions[first : first + size]]
-        readings = np.concatenate([one.readings for one in cases])
-        shape = len(cases), len(seeds), -1
-        angles = wrapped(analytical(readings) - truth.state[:, 2])[:, SETTLED:].reshape(shape)
-        found[ANALYTICAL].append(rmse_deg(angles, axis=(1, 2)))
-        noise = stacked_noise([one.motion for one in cases], sigma, len(seeds))
-        states = filtered(readings, noise, PERIOD, PRINTED_EKF, near_truth(truth), START_VARIANCE)
-        errors = state_errors(states, truth)[:, SETTLED:, 2].reshape(shape)
-        found[PRINTED_EKF].append(rmse_deg(errors, axis=(1, 2)))
-        done()
-    return {method: np.concatenate(parts) for method, parts in found.items()}
+    truth, shape = motions[0], (len(motions), len(seeds), -1)
+    readings = np.concatenate([case(one, sigma, seeds).readings for one in motions])
+    angles = wrapped(analytical(readings) - truth.state[:, 2])[:, SETTLED:].reshape(shape)
+    noise = stacked_noise(motions, sigma, len(seeds))
+    states = filtered(readings, noise, PERIOD, PRINTED_EKF, near_truth(truth), START_VARIANCE)
+    errors = state_errors(states, truth)[:, SETTLED:, 2].reshape(shape)
+    return {ANALYTICAL: rmse_deg(angles, axis=(1, 2)), PRINTED_EKF: rmse_deg(errors, axis=(1, 2))}
 
 
-def blocks(placements: int, trials: int) -> int:
-    """How often `sweep` calls `done`."""
-    return -(-placements // _placements(trials))
+def blocks(placements: Sequence[PlaceT], trials: int) -> list[tuple[PlaceT, ...]]:
+    """As many placements together as `BLOCK` allows with so many trials of each."""
+    size = max(1, BLOCK // trials)
+    return [tuple(placements[first : first + size]) for first in range(0, len(placements), size)]
 
 
-def _placements(trials: int) -> int:
-    return max(1, BLOCK // trials)
+def joined(parts: Iterable[dict[str, FloatArray]]) -> dict[str, FloatArray]:
+    """What `sweep` gave for one block after the other."""
+    parts = list(parts)
+    return {method: np.concatenate([part[method] for part in parts]) for method in parts[0]}
 
 
 def stacked_noise(motions: Sequence[CrankMotion], sigma: float, trials: int) -> PaperNoise:

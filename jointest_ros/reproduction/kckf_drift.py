@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.kckf.kckf import PAPER, Kckf, KckfParams
 from jointest_ros.core.kckf.kf import Kf
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction.exoshell_trials import COLORS, OURS, PAPER_KCKF, PAPER_KF, STANDARD_KF
 from jointest_ros.reproduction.kckf_steady import IntegratedTorso, SettlingKckf
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -63,7 +64,7 @@ def scored_after(duration_s: float) -> float:
     return min(SCORED_AFTER_S, 0.5 * duration_s)
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """All rates and Hall sensors."""
     duration = options.duration_s or DURATION_S
     trials = [(rate, scenario) for rate in RATES_HZ for scenario in HALL]

@@ -11,6 +11,7 @@ from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.kckf import KckfParams
 from jointest_ros.core.kckf.linkage import serial_linkage
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import exoshell_trials as trials
 from jointest_ros.reproduction.kckf_steady import LinkageInputs
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -74,7 +75,7 @@ class Precision:
         self.least = min(self.least, float(np.linalg.eigvalsh(p / np.outer(root, root))[0]))
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """Both precisions on the same hour."""
     duration = options.duration_s or DURATION_S
     robot = exoshell.exoshell(SCENARIO)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Series
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import exoshell_trials as trials
 from jointest_ros.reproduction.exoshell_trials import COLORS, OURS, PAPER_KCKF, Trial
 from jointest_ros.reproduction.result import Options, Report, Result
@@ -22,24 +25,14 @@ RUNS, DURATION_S = 5, 60.0
 UPRIGHT_DEG, BENT_DEG = 0.25 * BEND_DEG, 0.75 * BEND_DEG  # beyond these the scenario shifts the sensors
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """Every method on the scenario `human`."""
     runs, duration = options.runs or RUNS, options.duration_s or DURATION_S
-    methods = trials.methods("composed")
-    errors: dict[str, list[FloatArray]] = {name: [] for name in methods}
-    shown: dict[str, Series] = {}
-    first: Trial | None = None
-    for number in range(runs):
-        trial = trials.simulated(SCENARIO, duration, options.seed + number)
-        first = first or trial
-        for step, (name, make) in enumerate(methods.items()):
-            report(number * len(methods) + step, runs * len(methods))
-            series = make(trial.robot).run(trial.recording)
-            shown.setdefault(name, series)
-            errors[name].append(_rmse(trial, series))
-    assert first is not None
-    ours = {name: tuple(np.mean(rows, axis=0).tolist()) for name, rows in errors.items()}
-    begin = first
+    wanted = [partial(_trial, duration, options.seed + number, shown=not number) for number in range(runs)]
+    results = list(jobs.run(wanted, workers, report))
+    errors, shown = [one for one, _ in results], results[0][1]
+    ours = {name: tuple(np.mean([one[name] for one in errors], axis=0).tolist()) for name in errors[0]}
+    first = trials.simulated(SCENARIO, duration, options.seed)
     return Result(
         conditions=(
             trials.trials_text(runs, duration, options.seed),
@@ -53,7 +46,7 @@ def run(report: Report, options: Options) -> Result:
             "angles for the paper's filters; torso: angle of the whole rotation between estimate and truth.",
         ),
         tables=(trials.beside("RMSE, deg", COLUMNS, PAPER, ours),),
-        draw=lambda figure: _draw(figure, begin, {name: shown[name] for name in (PAPER_KCKF, OURS)}),
+        draw=lambda figure: _draw(figure, first, shown),
         remarks=(
             "The paper gives one figure, 4.85 deg of the torso, and neither size nor course of the misalignment. "
             "That our figure beside it agrees is by construction; what comes out is that such errors pass through "
@@ -63,6 +56,14 @@ def run(report: Report, options: Options) -> Result:
         ),
         size=(9.0, 8.0),
     )
+
+
+def _trial(duration_s: float, seed: int, *, shown: bool) -> tuple[dict[str, FloatArray], dict[str, Series]]:
+    """(6,) deg by method, and what the plot shows."""
+    trial = trials.simulated(SCENARIO, duration_s, seed)
+    found = {name: make(trial.robot).run(trial.recording) for name, make in trials.methods("composed").items()}
+    errors = {name: _rmse(trial, series) for name, series in found.items()}
+    return errors, {name: found[name] for name in (PAPER_KCKF, OURS)} if shown else {}
 
 
 def _rmse(trial: Trial, series: Series) -> FloatArray:

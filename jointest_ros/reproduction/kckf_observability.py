@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.kckf.paper_reference import measurement, observability_rank, pair_rows, transition
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
 
 JOINTS = range(2, 9)
@@ -26,7 +27,7 @@ def measurements(n: int) -> dict[str, FloatArray]:
     }
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """Ranks for all of `JOINTS`; nothing is drawn at random."""
     ranks: dict[str, list[int]] = {KCKF: [], STANDARD_KF: [], HINGES: []}
     for done, n in enumerate(JOINTS):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from jointest_ros.core.frame import FloatArray, Series
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.reproduction import exoshell_trials as trials
 from jointest_ros.reproduction.exoshell_trials import COLORS, PAPER_KCKF, STANDARD_KF, Trial
 from jointest_ros.reproduction.result import Options, Report, Result
@@ -25,7 +29,7 @@ SCENARIO = "table1"
 RUNS, DURATION_S = 5, 100.0
 
 
-def run(report: Report, options: Options) -> Result:
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """Every method on the scenario `table1`, or on the trial of `options.data`.
 
     Raises:
@@ -33,17 +37,11 @@ def run(report: Report, options: Options) -> Result:
     """
     runs = 1 if options.data else options.runs or RUNS
     duration = options.duration_s or DURATION_S
-    methods = trials.methods("additive")
-    errors: dict[str, list[FloatArray]] = {name: [] for name in methods}
-    for number in range(runs):
-        if options.data:
-            trial = trials.from_file(Path(options.data), SCENARIO)
-        else:
-            trial = trials.simulated(SCENARIO, duration, options.seed + number)
-        for step, (name, make) in enumerate(methods.items()):
-            report(number * len(methods) + step, runs * len(methods))
-            errors[name].append(_rmse(trial, make(trial.robot).run(trial.recording)))
-    ours = {name: tuple(np.mean(rows, axis=0).tolist()) for name, rows in errors.items()}
+    if options.data:
+        workers = replace(workers, kept=None)  # the file may change
+    wanted = [partial(_errors, options.data, duration, options.seed + number) for number in range(runs)]
+    errors = list(jobs.run(wanted, workers, report))
+    ours = {name: tuple(np.mean([one[name] for one in errors], axis=0).tolist()) for name in errors[0]}
     source = f"The trial in {options.data}." if options.data else trials.trials_text(runs, duration, options.seed)
     return Result(
         conditions=(
@@ -69,6 +67,13 @@ def run(report: Report, options: Options) -> Result:
         ),
         size=(10.0, 5.0),
     )
+
+
+def _errors(data: str, duration_s: float, seed: int) -> dict[str, FloatArray]:
+    """(6,) deg by method, of one trial."""
+    trial = trials.from_file(Path(data), SCENARIO) if data else trials.simulated(SCENARIO, duration_s, seed)
+    methods = trials.methods("additive")
+    return {name: _rmse(trial, make(trial.robot).run(trial.recording)) for name, make in methods.items()}
 
 
 def _rmse(trial: Trial, series: Series) -> FloatArray:

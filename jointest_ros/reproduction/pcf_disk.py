@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,6 +16,8 @@ from jointest_ros.core.kinematics import link_poses
 from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Robot
+from jointest_ros.evaluation import jobs
+from jointest_ros.evaluation.jobs import HERE, Workers
 from jointest_ros.evaluation.posture import Contact, contact_points, fit_circle
 from jointest_ros.reproduction.result import Options, Report, Result, ResultTable
 from jointest_ros.sim.gripper import (
@@ -121,33 +125,35 @@ def noise_error(robot: Robot, held: Grasp, deviation: float, draws: int, seed: i
     return 100.0 * math.sqrt(np.mean((radii / held.radius - 1.0) ** 2))
 
 
-def run(report: Report, options: Options) -> Result:
+def _at_one_degree(held: Grasp, seed: int) -> float:
+    return noise_error(gripper(), held, math.radians(1.0), DRAWS, seed)
+
+
+def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     """Both tables and the postures."""
     robot, runs = gripper(), options.runs or RUNS
     grasps = {radius: grasp(robot, radius) for radius in DISKS}
-    total, done = len(DISKS) * (2 * runs + 1), 0
+    wanted: dict[Any, partial[float]] = {}
+    for radius, held in grasps.items():
+        wanted[radius] = partial(_at_one_degree, held, options.seed)
+        for bias_mg in (0.0, ACCEL_BIAS_MG):
+            for number in range(runs):
+                wanted[radius, bias_mg, number] = partial(estimated, held, options.seed + number, bias_mg)
+    results = dict(zip(wanted, jobs.run([*wanted.values()], workers, report), strict=True))
     beside: list[tuple[str | float | int | None, ...]] = []
     at_noise: list[tuple[str | float | int | None, ...]] = []
     errors: dict[float, float] = {}
     for radius, held in grasps.items():
         found = {}
         for bias_mg in (0.0, ACCEL_BIAS_MG):
-            radii = []
-            for number in range(runs):
-                report(done, total)
-                done += 1
-                radii.append(estimated(held, options.seed + number, bias_mg))
-            found[bias_mg] = 1e3 * np.array(radii)
+            found[bias_mg] = 1e3 * np.array([results[radius, bias_mg, number] for number in range(runs)])
         in_mm = 1e3 * radius
         rms = {bias: 100.0 * math.sqrt(np.mean((radii / in_mm - 1.0) ** 2)) for bias, radii in found.items()}
         errors[radius] = rms[0.0]
         printed, percent, contacts = PAPER[radius]
         beside.append((in_mm, contacts, printed, percent, float(found[0.0][0]), rms[0.0], rms[ACCEL_BIAS_MG]))
-        report(done, total)
-        done += 1
         exact = 1e3 * radius_of(robot, held.positions, held.contacts) - in_mm
-        error = noise_error(robot, held, math.radians(1.0), DRAWS, options.seed)
-        at_noise.append((in_mm, len(held.contacts), abs(exact), AT_ONE_DEGREE[radius], error))
+        at_noise.append((in_mm, len(held.contacts), abs(exact), AT_ONE_DEGREE[radius], results[radius]))
     return Result(
         conditions=(
             "Gripper of the specification, section 3: first joints at +-45 mm, roll radius 6.5 mm, phalanges 35, 25 "

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from jointest_ros.core.errors import JointestError
 from jointest_ros.core.params import Params, param
+from jointest_ros.evaluation.jobs import HERE, Workers
 
 if TYPE_CHECKING:  # takes a third of a second, and every command reads this file
     from matplotlib.figure import Figure
@@ -95,6 +96,12 @@ class Result:
         return {"conditions": list(self.conditions), "remarks": list(self.remarks), "tables": tables}
 
 
+class Compute(Protocol):
+    """`Reproduction.run`."""
+
+    def __call__(self, report: Report, options: Options, workers: Workers = HERE) -> Result: ...
+
+
 @dataclass(frozen=True)
 class Reproduction:
     """One entry of the catalogue.
@@ -102,11 +109,11 @@ class Reproduction:
     Attributes:
         name: as the user gives it: method, then table or figure.
         description: one line.
-        run: computes it; reports its progress.
+        run: computes it; reports its progress. Its trials run on the workers that it is given, or here.
         uses: the fields of `Options` that have a meaning for it.
     """
 
     name: str
     description: str
-    run: Callable[[Report, Options], Result]
+    run: Compute
     uses: tuple[str, ...] = ()

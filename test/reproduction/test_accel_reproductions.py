@@ -8,11 +8,7 @@ import pytest
 from jointest_ros.reproduction import accel_count, accel_placement, accel_table2, accel_table3
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import ANALYTICAL, BOUND, JOINT_EKF, PRINTED_EKF, SMOOTHED
-from jointest_ros.sim.slider_crank import SCENARIOS, motion, row
-
-
-def ignore() -> None:
-    """Of progress."""
+from jointest_ros.sim.slider_crank import SCENARIOS, motion
 
 
 @pytest.mark.parametrize(
@@ -66,9 +62,7 @@ def test_our_filter_is_near_the_bound_where_the_printed_one_is_not() -> None:
 
 
 def test_more_accelerometers_gain_a_third_and_two_groups_at_the_ends_more() -> None:
-    two, ten = (accel_count.placed(*[row(accel_count.MIDDLE, accel_count.SPAN, number)] * 2) for number in (2, 10))
-    ends = accel_count.placed(accel_count.at_ends(10), accel_count.at_ends(10))
-    found = accel_count.angles([two, ten, ends], range(60), ignore)
+    found = accel_count.angles([(2, 2), (10, 10), accel_count.ENDS], range(60))
     gain = {method: 100.0 * (1.0 - values[1] / values[0]) for method, values in found.items()}
     assert gain[PRINTED_EKF] == pytest.approx(31.0, abs=3.0)
     assert gain[ANALYTICAL] == pytest.approx(35.0, abs=1.5)
@@ -79,7 +73,7 @@ def test_more_accelerometers_gain_a_third_and_two_groups_at_the_ends_more() -> N
 def test_the_error_of_the_papers_filter_is_linear_in_one_over_the_span_and_grows_with_the_distance() -> None:
     placements = [(mean, span) for mean in (0.2, 0.4) for span in accel_placement.SPANS_B]
     motions = [accel_placement.placed(*one) for one in placements]
-    found = trials.sweep(motions, accel_placement.SCENARIO.sigma, range(20), ignore)
+    found = trials.sweep(motions, accel_placement.SCENARIO.sigma, range(20))
     near, far = found[PRINTED_EKF].reshape(2, -1)
     assert accel_placement.straightness(near) >= 0.99
     assert accel_placement.straightness(far) >= 0.99
@@ -97,11 +91,12 @@ def test_the_error_of_the_best_filter_falls_with_the_distance() -> None:
 
 def test_a_sweep_gives_what_each_placement_gives_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trials, "BLOCK", 11)
-    motions = [accel_count.placed(row(0.1, 0.1, 2), row(0.1, 0.1, number)) for number in (2, 3, 5)]
-    sigma, seeds = accel_count.SCENARIO.sigma, range(5)  # two placements fit into a block
-    calls = []
-    together = trials.sweep(motions, sigma, seeds, lambda: calls.append(1))
-    assert len(calls) == trials.blocks(len(motions), len(seeds)) == 2
+    places = [(2, number) for number in (2, 3, 5)]
+    sigma, seeds = accel_count.SCENARIO.sigma, range(5)
+    blocks = trials.blocks(places, len(seeds))
+    assert blocks == [((2, 2), (2, 3)), ((2, 5),)]
+    together = trials.joined(accel_count.angles(block, seeds) for block in blocks)
+    motions = [accel_count.placed(one) for one in places]
     for number, one in enumerate(motions):
         case = trials.case(one, sigma, seeds)
         states = trials.paper_filter(case, PRINTED_EKF, trials.near_truth(one), trials.START_VARIANCE)
@@ -112,7 +107,7 @@ def test_a_sweep_gives_what_each_placement_gives_alone(monkeypatch: pytest.Monke
 def test_table_3_calibration_and_places_cost_more_than_noise() -> None:
     noise, rest = "noise and range of the data sheet alone", accel_table3.ALL
     settings = [(cause, "slow_periodic", "bno055") for cause in (noise, rest)]
-    found = accel_table3.errors(settings, range(1), 10.0, lambda done, total: None)
+    found = accel_table3.errors(settings, range(1), 10.0)
     for method in (SMOOTHED, PRINTED_EKF):
         low, high = (found[(*setting, method)].max() for setting in settings)
         assert low < 0.3 < high < 6.0
