@@ -14,22 +14,27 @@ class ArrivalClock:
     Hall messages are paired with frames by arrival. What the executor did in between (a timer, another node, the
     garbage collector) must not part what was sent together; that the EventsExecutor of rclpy 7.1 cannot pass on when a
     message was sent or received leaves this. One clock serves all nodes of a process.
+
+    Attributes:
+        began: when the latest callback began, monotonic ns.
     """
 
     def __init__(self) -> None:
+        self.began = 0
         self._arrival = 0
         self._busy_until = 0
 
     def now(self) -> int:
         """Arrival of the message whose callback begins, monotonic ns."""
-        now = time.monotonic_ns()
+        now = self.began = time.monotonic_ns()
         if now - self._busy_until > _PAUSE or now - self._arrival > _LONGEST:
             self._arrival = now
         return self._arrival
 
-    def done(self) -> None:
-        """A callback ends."""
-        self._busy_until = time.monotonic_ns()
+    def done(self) -> int:
+        """A callback ends, now: monotonic ns."""
+        now = self._busy_until = time.monotonic_ns()
+        return now
 
 
 arrivals = ArrivalClock()

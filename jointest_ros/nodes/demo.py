@@ -23,8 +23,9 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 
 from jointest_ros.bags.cdr import decode_joint_state
+from jointest_ros.bags.ground_truth import TRUTH_JOINTS
 from jointest_ros.bags.intake import Intake
-from jointest_ros.bags.offline import TRUTH_JOINTS, check_topics
+from jointest_ros.bags.offline import check_topics
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.config import Configuration
 from jointest_ros.core.frame import FloatArray, Series

@@ -1,11 +1,15 @@
-"""What a node tells of its inputs and joints: /diagnostics once a second, and the log where that is bad news."""
+"""What a node tells of its inputs, its joints and itself: /diagnostics once a second, and the log where that is bad.
+
+Who reads them must be able to tell a bad sensor from a bad filter: an input that is not OK names what is wrong with its
+sensor; where all of them are, and the innovations still do not suit the noise model, the estimator says that.
+"""
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime, timezone
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,35 +17,26 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from jointest_ros.bags.intake import Intake
+from jointest_ros.config import Configuration
 from jointest_ros.core.estimator import Estimator
-from jointest_ros.core.frame import Estimate, Status
+from jointest_ros.core.frame import Estimate
 from jointest_ros.core.pcf.pair_checks import PairCheck, verdict
 from jointest_ros.nodes.arrival import arrivals
+from jointest_ros.nodes.estimate_status import (
+    Entry,
+    Innovations,
+    joint_entry,
+    lacking,
+    links_at_rest,
+    pairs_entry,
+    suspicion,
+    yes_no,
+)
+from jointest_ros.nodes.input_status import Input
 
 PERIOD = 1.0  # s
-_WARN_AGAIN = 5.0  # s between warnings about the same topic
-_WORDS = {
-    Status.STARTING: "no estimate yet",
-    Status.NO_DATA: "a sensor is missing",
-    Status.GAP: "predicted over a gap",
-    Status.UNOBSERVABLE: "axis near gravity: gyro only",
-    Status.STALE: "stale: not published",
-    Status.DISTURBED: "correction suspended",
-}
-
-
-@dataclass
-class _Input:
-    """One topic: what was known of it at the last report."""
-
-    name: str
-    messages: int = 0
-    refused: dict[str, int] = field(default_factory=dict)
-    saturated: dict[str, int] = field(default_factory=dict)
-    conspicuous: bool = False
-    silent: bool = False
-    warned: float = -math.inf  # monotonic s
-    warned_of: int = 0  # refused messages
+LOOK = 20_000_000  # ns, between frames whose innovations are looked at: enough to judge, at a cost that does not count
+_LATENCIES = 20_000  # kept at most between two reports
 
 
 class Diagnostics:
@@ -49,124 +44,151 @@ class Diagnostics:
 
     Args:
         intake: whose counters are reported.
-        topics: topic as configured -> its name in ROS.
-        estimator: whose estimates are reported.
+        inputs: topic as configured -> what is told of it.
+        estimator: that estimates at present: it is replaced when it is tuned.
+        configuration: with the calibration file.
+
+    Attributes:
+        estimate: the newest one. The node sets it.
+        estimates: how many there were. The node counts them.
+        latencies: of the estimates since the latest report: from receipt of the newest input to publication, ns. The
+            node appends.
+        next_look: stamp from which on the node gives the next frame to `look`.
     """
 
-    def __init__(self, node: Node, intake: Intake, topics: Mapping[str, str], estimator: Estimator) -> None:
-        self._node, self._intake, self._estimator = node, intake, estimator
-        self._pairs_of: Callable[[], list[PairCheck]] = getattr(estimator, "pair_checks", list)
-        self._pairs_verdict = ""
-        self._inputs = {topic: _Input(name) for topic, name in topics.items()}
+    def __init__(
+        self,
+        node: Node,
+        intake: Intake,
+        inputs: Mapping[str, Input],
+        estimator: Callable[[], Estimator],
+        configuration: Configuration,
+    ) -> None:
+        self._node, self._intake, self._inputs, self._estimator_of = node, intake, inputs, estimator
+        self._configuration = configuration
+        self._calibration_written = _written(configuration)
+        self.estimate: Estimate | None = None
+        self.estimates = 0
+        self.latencies: deque[int] = deque(maxlen=_LATENCIES)
+        self.next_look = -(1 << 62)
+        self._innovations = Innovations()
+        self._reported: tuple[Estimate | None, int] = (None, 0)  # the newest and their number, of the latest report
+        self._reported_at = time.monotonic()
+        self._complaints: dict[str, str] = {}  # what was last in the log about pairs and innovations
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.estimate: Estimate | None = None
-        self._reported: Estimate | None = None
+
+    def look(self, stamp: int) -> None:
+        """Take the innovations of a frame into account."""
+        self.next_look = stamp + LOOK
+        self._innovations.add(self._estimator_of())
 
     def publish(self) -> None:
         """One report."""
-        array = DiagnosticArray()
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        now = time.monotonic()
+        elapsed, self._reported_at = max(now - self._reported_at, 1e-3), now
+        estimator, estimate = self._estimator_of(), self.estimate
+        new = estimate is not self._reported[0]
         silent = {one.name for one in self._inputs.values() if one.silent}
-        array.status = [self._input(topic) for topic in self._inputs]
-        array.status += [self._joint(number, name) for number, name in enumerate(self._estimator.joints)]
-        if pairs := self._pairs_of():
-            array.status.append(self._pairs(pairs))
+        inputs = {f"input {one.name}": one.entry(elapsed) for one in self._inputs.values()}
+        ratios = self._innovations.take()
+        rest = links_at_rest(estimator, self._intake.assembler.quality.at_rest)
+        checks: Callable[[], list[PairCheck]] = getattr(estimator, "pair_checks", list)
+        pairs = checks()
+        entries: dict[str, Entry] = {"estimator": self._estimator(inputs, ratios, pairs, new, elapsed), **inputs}
+        for number, name in enumerate(estimator.joints):
+            entries[f"joint {name}"] = joint_entry(estimator, number, estimate, new, ratios.get(name), rest[number])
+        if pairs:
+            entries["IMU pairs"] = pairs_entry(pairs, estimate, new)
+            self._complain("pairs", verdict(pairs))
+        array = DiagnosticArray(status=[self._status(what, *entry) for what, entry in entries.items()])
+        array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-        self._reported = self.estimate
-        self._log_silence(silent)
+        self._reported = estimate, self.estimates
+        self._log(silent)
         arrivals.done()
 
-    def _input(self, topic: str) -> DiagnosticStatus:
-        one, counts = self._inputs[topic], self._intake.counts(topic)
-        received = counts["messages"] - one.messages
-        refused = {cause: n for cause, n in counts["refused"].items() if n > one.refused.get(cause, 0)}
-        saturated = self._intake.saturated(topic)
-        findings = self._intake.findings(topic)
-        self._log_findings(one, findings)
-        for sensor, n in saturated.items():
-            if new := n - one.saturated.get(sensor, 0):
-                findings.append(self._intake.assembler.quality.saturation_text(sensor, new))
-        if refused:
-            level, text = DiagnosticStatus.WARN, "; ".join([f"messages refused: {_causes(refused)}", *findings])
-        elif not received:
-            level, text = DiagnosticStatus.STALE, "no messages" if counts["messages"] else "never received"
-        elif findings:
-            level, text = DiagnosticStatus.WARN, "; ".join(findings)
-        else:
-            level, text = DiagnosticStatus.OK, f"{received / PERIOD:.0f} messages/s"
-        one.messages, one.refused, one.silent = counts["messages"], counts["refused"], not received
-        one.saturated = saturated
-        self._log_refused(one)
-        values = {"messages": counts["messages"], "used": counts["used"]}
-        values |= {f"refused: {cause}": n for cause, n in counts["refused"].items()}
-        values |= {f"saturated: {sensor}": n for sensor, n in saturated.items()}
-        return self._status(f"input {one.name}", level, text, values)
-
-    def _joint(self, number: int, name: str) -> DiagnosticStatus:
-        if self.estimate is None:
-            return self._status(f"joint {name}", DiagnosticStatus.STALE, _WORDS[Status.STARTING], {})
-        flags = Status(self.estimate.status[number])
-        words = [text for flag, text in _WORDS.items() if flags & flag]
-        deviation = math.degrees(math.sqrt(self.estimate.variance[number]))
-        level = DiagnosticStatus.WARN if words else DiagnosticStatus.OK
-        if self.estimate is self._reported:
-            level, words = DiagnosticStatus.STALE, ["no new estimate"]
+    def _estimator(
+        self,
+        inputs: Mapping[str, Entry],
+        ratios: Mapping[str, float],
+        pairs: Sequence[PairCheck],
+        new: bool,
+        elapsed: float,
+    ) -> Entry:
+        """The estimator as a whole; OK only when it is ready: calibrated, and all sensors alive and sound."""
+        estimator, assembler = self._estimator_of(), self._intake.assembler
+        unsound = [what.removeprefix("input ") for what, (level, *_) in inputs.items() if level != DiagnosticStatus.OK]
+        missing = [f"look at the inputs {', '.join(unsound)}"] if unsound else []
+        missing += lacking(estimator, self.estimate, new)
+        doubt = suspicion(estimator, ratios, pairs, inputs_sound=not unsound)
+        self._complain("innovations", doubt)
+        damage = self._configuration.calibration_damage
+        texts = [f"not ready: {'; '.join(missing)}"] if missing else []
+        texts += [doubt] if doubt else []
+        texts += [f"calibration file ignored: {damage}"] if damage else []
+        texts += [estimator.unfit] if estimator.unfit else []
+        rate = (self.estimates - self._reported[1]) / elapsed
+        squares = [ratio * ratio for ratio in ratios.values()]
+        learned = estimator.robot.learned.get(estimator.name)
         values = {
-            "standard deviation (deg)": f"{deviation:.3f}",
+            "ready": yes_no(not missing),
+            "rate (Hz)": f"{rate:.1f}",
+            "estimates": self.estimates,
+            "partial frames": assembler.partial,
+            "gaps": assembler.gaps,
+            "resets": assembler.resets,
+            **self._latency(),
+            "innovations / noise model": f"{(sum(squares) / len(squares)) ** 0.5:.2f}" if squares else "",
+            "calibration file": self._configuration.calibration_file or "none",
+            "calibration written": self._calibration_written,
+            "warm start": "no" if learned is None or estimator.unfit else f"from what was saved {learned.saved}",
         }
-        if hasattr(self._estimator, "calibrate_gyro_bias"):
-            values["gyro bias calibrated"] = "no" if flags & Status.UNCALIBRATED else "yes"
-        return self._status(f"joint {name}", level, "; ".join(words) or f"+-{deviation:.2f} deg", values)
+        level = DiagnosticStatus.WARN if texts else DiagnosticStatus.OK
+        return level, "; ".join(texts) or f"ready, {rate:.0f} estimates/s", values
 
-    def _pairs(self, pairs: list[PairCheck]) -> DiagnosticStatus:
-        """Whether the IMUs agree with each other."""
-        if self.estimate is None:
-            return self._status("IMU pairs", DiagnosticStatus.STALE, _WORDS[Status.STARTING], {})
-        text = verdict(pairs)
-        if text and not self._pairs_verdict:
-            self._node.get_logger().warning(text)
-        self._pairs_verdict = text
-        values: dict[str, str] = {}
-        for pair in pairs:
-            name = f"{' + '.join(pair.joints)} ({' to '.join(pair.sensors)})"
-            figures = {"residual": pair.residual, "tilt": pair.tilt} | ({"turned": pair.turned} if pair.turned else {})
-            values |= {f"{name}: {what} (deg)": f"{math.degrees(value):.2f}" for what, value in figures.items()}
-        largest = math.degrees(max(max(abs(pair.residual), abs(pair.tilt)) for pair in pairs))
-        level, text = (
-            (DiagnosticStatus.WARN, text) if text else (DiagnosticStatus.OK, f"agree within {largest:.1f} deg")
-        )
-        if self.estimate is self._reported:
-            level, text = DiagnosticStatus.STALE, "no new estimate"
-        return self._status("IMU pairs", level, text, values)
+    def _latency(self) -> dict[str, str]:
+        """From the receipt of the newest input, that is when the executor hands it over, to the publication."""
+        latencies = sorted(self.latencies)
+        self.latencies.clear()
+        if not latencies:
+            return dict.fromkeys(("latency p50 (ms)", "latency p99 (ms)", "latency max (ms)"), "")
+        last = len(latencies) - 1
+        ranks = {"p50": last // 2, "p99": round(0.99 * last), "max": last}
+        return {f"latency {what} (ms)": f"{latencies[rank] * 1e-6:.3f}" for what, rank in ranks.items()}
 
-    def _status(self, what: str, level: bytes, text: str, values: dict[str, Any]) -> DiagnosticStatus:
+    def _status(self, what: str, level: bytes, text: str, values: Mapping[str, Any]) -> DiagnosticStatus:
         name = self._node.get_fully_qualified_name().lstrip("/")
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         return DiagnosticStatus(level=level, name=f"{name}: {what}", hardware_id=name, message=text, values=pairs)
 
     # ------------------------------------------------------------- log
 
-    def _log_refused(self, one: _Input) -> None:
-        """Sooner or later every refused message is told of."""
-        refused, now = sum(one.refused.values()), time.monotonic()
-        if refused > one.warned_of and now - one.warned >= _WARN_AGAIN:
-            one.warned, one.warned_of = now, refused
-            self._node.get_logger().warning(f"{one.name}: messages refused: {_causes(one.refused)}")
-
-    def _log_findings(self, one: _Input, findings: list[str]) -> None:
+    def _complain(self, what: str, text: str) -> None:
         """When it begins."""
-        if findings and not one.conspicuous:
-            self._node.get_logger().warning(f"{one.name}: {'; '.join(findings)}")
-        one.conspicuous = bool(findings)
+        if text and not self._complaints.get(what):
+            self._node.get_logger().warning(text)
+        self._complaints[what] = text
 
-    def _log_silence(self, before: set[str]) -> None:
+    def _log(self, silent_before: set[str]) -> None:
+        logger = self._node.get_logger()
+        for one in self._inputs.values():
+            for text in one.log:
+                logger.warning(text)
         now = {one.name for one in self._inputs.values() if one.silent}
-        if now - before:
-            self._node.get_logger().warning(f"no messages on {', '.join(sorted(now - before))}")
-        if before - now:
-            self._node.get_logger().info(f"messages on {', '.join(sorted(before - now))}")
+        if now - silent_before:
+            logger.warning(f"no messages on {', '.join(sorted(now - silent_before))}")
+        if silent_before - now:
+            logger.info(f"messages on {', '.join(sorted(silent_before - now))}")
 
 
-def _causes(refused: Mapping[str, int]) -> str:
-    return ", ".join(f"{cause} ({n} in all)" for cause, n in sorted(refused.items()))
+def _written(configuration: Configuration) -> str:
+    """When the calibration file that is in force was written."""
+    file = configuration.calibration_file
+    if configuration.calibration_damage:
+        return "ignored"
+    try:
+        seconds = file.stat().st_mtime if file is not None else None
+    except OSError:
+        seconds = None
+    return "never" if seconds is None else f"{datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-import math
 import re
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
 
 from jointest_ros import config
 from jointest_ros.bags.cdr_encode import encode_quaternion_stamped, encode_vector3_stamped
 from jointest_ros.bags.intake import Handler, Intake
 from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.core.catalogue import ESTIMATORS
-from jointest_ros.core.errors import CalibrationError, ConfigurationError
+from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Frame
 from jointest_ros.core.params import Params, param
 from jointest_ros.nodes import spin
 from jointest_ros.nodes.arrival import arrivals
+from jointest_ros.nodes.decimation import Decimation
 from jointest_ros.nodes.diagnostics import Diagnostics
+from jointest_ros.nodes.input_status import Input
 from jointest_ros.nodes.messages import CLASSES, labelled_array
 from jointest_ros.nodes.parameters import (
     ProcessParams,
@@ -40,8 +42,8 @@ from jointest_ros.nodes.parameters import (
     overrides,
     tunable,
 )
-
-_NO_DATA = 1.0  # s without frames after which there is nothing to calibrate from
+from jointest_ros.nodes.publishers import InputTopic
+from jointest_ros.nodes.services import Services
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,11 @@ class NodeParams(ProcessParams):
     sensor_namespace: str = param("", "namespace of the input topics; empty: that of the node")
     reliability: str = param("best_effort", "QoS of the inputs", choices=("best_effort", "reliable"))
     depth: int = param(1000, "QoS history depth of the inputs", unit="messages", low=1, high=100000)
+    output_rate_hz: float = param(
+        0.0, "largest rate of all outputs, of which the stamps decide; 0: every frame", unit="Hz", low=0.0, high=1e5
+    )
+    calibration_file: str = param("", "path of the calibration file; empty: that of the configuration")
+    warm_start: bool = param(True, "start from the biases and zero poses that ~/save_calibration wrote to that file")
 
 
 class EstimatorNode(Node):
@@ -90,12 +97,12 @@ class EstimatorNode(Node):
 
     def _build(self, kind: Any) -> None:
         check_names(self, NodeParams, kind.Params)
-        params = declare(self, NodeParams)
+        params = declare(self, NodeParams, tunable=tunable(NodeParams))
         if not params.config:
             raise ConfigurationError(
                 "config: '' is not allowed; give the path of a configuration: -p config:=robot.yaml"
             )
-        configuration = config.load(params.config)
+        configuration = self._load(params)
         chosen = declare(self, kind.Params, configuration.estimators.get(kind.name), tunable(kind.Params))
         make = partial(kind, configuration.robot, timing=configuration.timing)
         try:
@@ -104,8 +111,10 @@ class EstimatorNode(Node):
             raise ConfigurationError(f"{params.config}: {error}") from None
         follow(self, chosen, partial(self._retuned, make))
         self.intake = Intake(configuration.robot, configuration.timing)
-        self.estimates = 0
-        self._estimated = -math.inf  # monotonic s, when the latest estimate was made
+        self._estimated = 0  # monotonic ns, when the latest estimate was made
+        self._decimation: Decimation | None
+        follow(self, params, self._limited)
+        self._limited(params)()
         self._output = JointStateOutput(self.estimator.joints)
         self._publish_states = self.create_publisher(JointState, "joint_states", 1000).publish
         self._covariance = self.create_publisher(Float64MultiArray, "joint_covariance", 10)
@@ -117,16 +126,36 @@ class EstimatorNode(Node):
         if self._torso_frame:
             self._publish_angle = self.create_publisher(Vector3Stamped, "torso_angle", 1000).publish
             self._publish_orientation = self.create_publisher(QuaternionStamped, "torso_orientation", 1000).publish
-        self._offer_services()
-        topics = self._subscribe(params)
-        self._diagnostics = Diagnostics(self, self.intake, topics, self.estimator)
-        file = configuration.calibration_file
-        if file is not None and not file.exists():
-            self.get_logger().warning(f"{file}: no such calibration_file yet; what is in the configuration counts")
+        Services(self, self.intake, self._present, lambda: self._estimated, configuration)
+        self._diagnostics = Diagnostics(self, self.intake, self._subscribe(params), self._present, configuration)
+        self._log_calibration(configuration)
         self.get_logger().info(f"{kind.name}: {', '.join(self.estimator.joints)} from {', '.join(self.intake.topics)}")
 
-    def _subscribe(self, params: NodeParams) -> dict[str, str]:
-        """Topic as configured -> its name in ROS."""
+    def _present(self) -> Estimator:
+        return self.estimator
+
+    def _load(self, params: NodeParams) -> config.Configuration:
+        file = Path(params.calibration_file) if params.calibration_file else None
+        configuration = config.load(params.config, file, tolerant=True)
+        if params.warm_start:
+            return configuration
+        return replace(configuration, robot=replace(configuration.robot, learned={}))
+
+    def _log_calibration(self, configuration: config.Configuration) -> None:
+        file, damage, unfit = configuration.calibration_file, configuration.calibration_damage, self.estimator.unfit
+        if damage:
+            self.get_logger().error(f"calibration file ignored: {damage}")
+        elif file is not None and not file.exists():
+            self.get_logger().warning(f"{file}: no such calibration_file yet; what is in the configuration counts")
+        learned = self.estimator.robot.learned.get(self.estimator.name)
+        if unfit:
+            self.get_logger().warning(unfit)
+        elif learned is not None:
+            zero = f", zero poses of {', '.join(learned.zero)}" if learned.zero else ""
+            self.get_logger().info(f"warm start: biases {', '.join(learned.biases)}{zero}, saved {learned.saved}")
+
+    def _subscribe(self, params: NodeParams) -> dict[str, Input]:
+        """Topic as configured -> what is told of it."""
         reliable = params.reliability == "reliable"
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
@@ -134,26 +163,45 @@ class EstimatorNode(Node):
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         )
         prefix = re.sub("//+", "/", f"/{params.sensor_namespace}/") if params.sensor_namespace else ""
-        names = {}
+        # Diagnostics look at the graph: the handlers of QoS events would only cost wake-ups.
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        inputs = {}
         for topic, msgtype in self.intake.topics.items():
-            callback = partial(self._receive, self.intake.handlers[topic])
             name = topic if topic.startswith("/") else prefix + topic
-            names[topic] = self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True).topic_name
-        return names
+            validate_topic_name(name)  # which says more than resolving does
+            graph = InputTopic(self, self.resolve_topic_name(name), msgtype, reliable, len(self.intake.sources(topic)))
+            inputs[topic] = Input(self.intake, topic, graph)
+            callback = partial(self._receive, self.intake.handlers[topic], inputs[topic])
+            self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True, event_callbacks=events)
+        return inputs
 
     # ------------------------------------------------------------- data
 
-    def _receive(self, handler: Handler, data: bytes) -> None:
-        for frame in handler(data, arrivals.now()):
+    @property
+    def estimates(self) -> int:
+        """How many it has made."""
+        return self._diagnostics.estimates
+
+    def _receive(self, handler: Handler, source: Input, data: bytes) -> None:
+        source.arrived = arrival = arrivals.now()
+        frames = handler(data, arrival)
+        if not frames:
+            arrivals.done()
+            return
+        received = self._estimated = arrivals.began
+        for frame in frames:
             self._estimate(frame)
-        arrivals.done()
+        self._diagnostics.latencies.append(arrivals.done() - received)
 
     def _estimate(self, frame: Frame) -> None:
         estimate = self.estimator.update(frame)
-        self.estimates += 1
-        self._estimated = time.monotonic()
-        self._diagnostics.estimate = estimate
-        self._publish(estimate)
+        diagnostics = self._diagnostics
+        diagnostics.estimate = estimate
+        diagnostics.estimates += 1
+        if frame.stamp >= diagnostics.next_look or frame.reset:
+            diagnostics.look(frame.stamp)
+        if self._decimation is None or self._decimation.passes(frame.stamp, frame.period):
+            self._publish(estimate)
 
     def _publish(self, estimate: Estimate) -> None:
         message = self._output.encode(estimate)
@@ -171,21 +219,10 @@ class EstimatorNode(Node):
                 values = values_of(self.estimator)
                 publisher.publish(labelled_array(list(values), list(values.values())))
 
-    # ------------------------------------------------------------- services
-
-    def _offer_services(self) -> None:
-        self._serve("reset", self._reset, "started afresh")
-        for name in ("calibrate_zero", "calibrate_gyro_bias"):
-            if hasattr(self.estimator, name):
-                self._serve(name, partial(self._calibrate, name), "done")
-
-    def _reset(self) -> None:
-        self.estimator.reset()
-
-    def _calibrate(self, name: str) -> None:
-        if time.monotonic() - self._estimated > _NO_DATA:
-            raise CalibrationError("no data arrives: see /diagnostics for which topics are silent")
-        getattr(self.estimator, name)()
+    def _limited(self, params: NodeParams) -> Callable[[], None]:
+        """What brings the rate of the outputs into force."""
+        decimation = Decimation(params.output_rate_hz) if params.output_rate_hz else None
+        return partial(setattr, self, "_decimation", decimation)
 
     def _retuned(self, make: Callable[[Any], Estimator], params: Any) -> Callable[[], None]:
         """The estimator with other parameters, which goes on where the present one is."""
@@ -196,17 +233,6 @@ class EstimatorNode(Node):
             self.estimator = successor
 
         return replace
-
-    def _serve(self, name: str, action: Callable[[], None], done: str) -> None:
-        def answer(_request: Any, response: Any) -> Any:
-            try:
-                action()
-                response.success, response.message = True, done
-            except CalibrationError as error:
-                response.success, response.message = False, str(error)
-            return response
-
-        self.create_service(Trigger, f"~/{name}", answer)
 
 
 def run(estimator: str, text: str, args: list[str] | None) -> int:

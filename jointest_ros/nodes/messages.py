@@ -23,6 +23,9 @@ CLASSES: dict[str, Any] = {
 }
 
 
+SENSORS = (cdr.IMU, cdr.MAGNETIC_FIELD, cdr.FLOAT32_MULTIARRAY)  # the types of inputs, sent best effort
+
+
 def labelled_array(labels: list[str], data: list[float]) -> Float64MultiArray:
     """Numbers with a label each; n labels and n * n numbers make a square matrix, row by row."""
     message = Float64MultiArray(data=data)

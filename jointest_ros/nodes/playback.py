@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from jointest_ros.bags import synthetic
-from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, IMU, MAGNETIC_FIELD
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.errors import ConfigurationError
-from jointest_ros.nodes.messages import CLASSES
+from jointest_ros.nodes.messages import CLASSES, SENSORS
 from jointest_ros.sim.scenarios import SCENARIOS, Rig
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
 
-SENSORS = (IMU, MAGNETIC_FIELD, FLOAT32_MULTIARRAY)
 _TRUTH = "ground_truth/"
 _SAMPLES = 100  # simulated at a time: some ms in which nothing is sent
 

@@ -6,7 +6,7 @@ Stamps are those of the recording or the model. When it falls behind, it sends e
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,15 +21,15 @@ from jointest_ros.bags.cdr_encode import encode_clock
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.synthetic import Message
 from jointest_ros.core.params import Params, param
-from jointest_ros.nodes.messages import CLASSES
+from jointest_ros.nodes.messages import CLASSES, SENSORS
 from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
-from jointest_ros.nodes.playback import SENSORS, Playback, SimulatedPlayback, open_bag, sources
+from jointest_ros.nodes.playback import Playback, SimulatedPlayback, open_bag, sources
 from jointest_ros.nodes.spin import main as run
 from jointest_ros.sim.scenarios import SCENARIOS
 
 _SETTLED = 0.5  # s without a new subscriber: by then each knows of our topics too, else it misses the first messages
 _LINGER = 0.3  # s that the publishers stay after the last message: what nobody has read yet goes with them
-_MOST_AT_ONCE = 500  # messages in one callback: others in the same executor get their turn
+_MOST_AT_ONCE = 100  # messages in one callback: others in the same executor get their turn, and receivers keep up
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,9 @@ class SimHardwareNode(Node):
             for topic, msgtype in self._playback.topics.items()
         }
         self._sensors = [self._publishers_of[t] for t, msgtype in self._playback.topics.items() if msgtype in SENSORS]
-        self._send = {topic: publisher.publish for topic, publisher in self._publishers_of.items()}
+        self._send: dict[str, Callable[[bytes], None]] = {
+            topic: publisher.publish for topic, publisher in self._publishers_of.items()
+        }
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10) if self.params.clock else None
         self.create_service(SetBool, "~/pause", self._pause)
         self._paused = self.params.paused

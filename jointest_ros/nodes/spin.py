@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import faulthandler
+import gc
 import os
 import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import TypeVar
 
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -23,7 +27,10 @@ from rclpy.utilities import remove_ros_args
 from jointest_ros.core.errors import ConfigurationError, JointestError
 from jointest_ros.core.params import Params, allowed_text
 
+NodeT = TypeVar("NodeT", bound=Node)
+
 BAD_INPUT = 2  # exit code
+_LOOK = 0.2  # s
 _PATIENCE = 3.0  # s between a signal and the end of the process, whatever keeps it
 
 
@@ -40,10 +47,17 @@ def make_executor(name: str = "events", context: Context | None = None) -> Execu
 
 
 def spin(executor: Executor, until: Callable[[], bool] = lambda: False) -> None:
-    """Spin until `until()` is true or ROS is shut down. Not `executor.spin()`: see DESIGN section 5."""
+    """Spin until `until()` is true, which is looked at a few times a second, or ROS is shut down.
+
+    Not `executor.spin()`, see DESIGN section 5; nor `spin_until_future_complete`, of which every call leaves 32 bytes
+    behind in rclpy 7.1.
+    """
+    gc.freeze()  # what is there now stays: a collection that went through all of it would take 50 ms
     try:
         while executor.context.ok() and not until():
-            executor.spin_once(timeout_sec=0.2)
+            end = time.monotonic() + _LOOK
+            while time.monotonic() < end:  # comes back for every message: nothing else is done here, for speed
+                executor.spin_once(timeout_sec=_LOOK)
     except ExternalShutdownException:
         pass
 
@@ -64,8 +78,8 @@ def caught_signals() -> Iterator[list[int]]:
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[list[int]]:
-    """`caught_signals` for a whole process: it ends soon after one, even if rclpy does not come back.
+def ended_by_signals(code: Callable[[], int] = lambda: 0) -> Iterator[list[int]]:
+    """`caught_signals` for a whole process: it ends soon after one, even if rclpy does not come back, by `code()`.
 
     About once in twenty runs under load, `spin_once` or the destruction of an EventsExecutor of rclpy 7.1 hangs then.
     """
@@ -92,7 +106,7 @@ def ended_by_signals() -> Iterator[list[int]]:
         if signals:  # all is shut down: the end of the interpreter, with what is left of an executor, adds only risk
             sys.stdout.flush()
             sys.stderr.flush()
-            os._exit(0)
+            os._exit(code())
 
 
 def main(
@@ -114,7 +128,7 @@ def main(
     with ended_by_signals() as signals:
         try:
             args = sys.argv[1:] if args is None else args
-            _init(args)
+            init(args)
             others = remove_ros_args(args)
             if {"-h", "--help"} & set(others):
                 print(_usage(name, text, sections))
@@ -122,7 +136,7 @@ def main(
             if others:
                 advice = "parameters are given as --ros-args -p NAME:=VALUE"
                 raise ConfigurationError(f"unknown argument '{others[0]}'; {advice}")
-            _run(make_node(), until=lambda: bool(signals))
+            _run(made(make_node), until=lambda: bool(signals))
         except (JointestError, ParameterException) as error:  # the latter: use_sim_time with a wrong type
             print(f"{name}: error: {error}", file=sys.stderr)
             return BAD_INPUT
@@ -131,14 +145,27 @@ def main(
     return 0
 
 
-def _init(args: list[str]) -> None:
+def init(args: list[str], context: Context | None = None) -> None:
+    """Start ROS, without its signal handlers. Raises ConfigurationError where it cannot."""
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        text = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())  # without the lines of its source
-        if type(error).__name__ == "UnknownROSArgsError":
-            text = f"unknown arguments {text}"
-        raise ConfigurationError(f"ROS cannot start: {text.removeprefix('failed to initialize rcl: ')}") from None
+        raise _refused(error) from None
+
+
+def made(make_node: Callable[[], NodeT]) -> NodeT:
+    """The node. Raises ConfigurationError where ROS does not let it be, besides what its constructor raises."""
+    try:
+        return make_node()
+    except rclpy_implementation.RCLError as error:  # security without its libraries, for one
+        raise _refused(error) from None
+
+
+def _refused(error: RuntimeError) -> ConfigurationError:
+    text = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())  # without the lines of its source
+    if type(error).__name__ == "UnknownROSArgsError":
+        text = f"unknown arguments {text}"
+    return ConfigurationError(f"ROS cannot start: {text.removeprefix('failed to initialize rcl: ')}")
 
 
 def _run(node: Node, until: Callable[[], bool]) -> None:

@@ -159,7 +159,7 @@ def test_a_silent_sensor(bench: Bench, finger_config: Path) -> None:
     assert "stale" in report["joint finger_dip"].message
     assert report["joint finger_pip"].level == DiagnosticStatus.OK
     assert report[name].level == DiagnosticStatus.STALE
-    assert report[name].message == "no messages"
+    assert report[name].message.startswith("no messages")
     bench.until(lambda: any(log.msg == f"no messages on {bench.namespace}/imu/distal" for log in logs), "a warning")
 
     bench.send(node, sent[before + during :])

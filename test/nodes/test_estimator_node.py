@@ -18,10 +18,11 @@ from ros_bench import Bench, values
 from std_msgs.msg import Float64MultiArray
 from without_ros import assert_same, estimate, make, simulated, stamp
 
+from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Series
 from jointest_ros.core.pcf.params import PcfParams
-from jointest_ros.nodes import estimator_node
+from jointest_ros.nodes import estimator_node, services
 from jointest_ros.nodes.estimator_node import EstimatorNode, NodeParams
 from jointest_ros.nodes.parameters import tunable
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode
@@ -68,7 +69,7 @@ def test_parameters_are_described(bench: Bench, finger_config: Path) -> None:
     for descriptor in node.describe_parameters(names):
         assert descriptor.description
         assert descriptor.additional_constraints
-        assert descriptor.read_only == (descriptor.name not in tunable(PcfParams))
+        assert descriptor.read_only == (descriptor.name not in tunable(PcfParams) | {"output_rate_hz"})
     described = dict(zip(names, node.describe_parameters(names), strict=True))
     assert "[1/s]" in described["kp"].description
     assert described["kp"].additional_constraints == "0 to 100 1/s"
@@ -117,6 +118,48 @@ def test_gains_change_while_it_runs_and_the_state_stays(bench: Bench, finger_con
     expected += [after.update(frame) for topic, data in second for frame in intake.handlers[topic](data, 0)]
     bench.until(lambda: len(states) >= len(expected), f"{len(expected)} states")
     assert_same(states, (Series.from_estimates(expected, len(after.joints)), after.joints))
+
+
+# estimator -> (configuration, simulation, what can be tuned, what cannot)
+KINDS: dict[str, tuple[str, str, dict[str, float], dict[str, Any]]] = {
+    "pcf": ("finger.yaml", "finger", {"accel_weight": 0.5}, {"lever_arms": True}),
+    "gyro": ("exoshell.yaml", "exoshell", {"gap_rate_dps": 90.0}, {"kinematics": "additive"}),
+    "hall": ("exoshell.yaml", "exoshell", {"gap_rate_dps": 90.0}, {"sensor": 1}),
+    "kf": ("exoshell.yaml", "exoshell", {"hall_sigma_deg": 2.0}, {"hall_noise": "constant"}),
+    "kckf": ("exoshell.yaml", "exoshell", {"initial_angle_deg": 20.0}, {"hall_offset": True}),
+    "accel_analytical": ("two_link_accel.yaml", "two_link_arm", {}, {"window": 5}),
+    "accel_ekf": ("two_link_accel.yaml", "two_link_arm", {"snap_density": 2e5}, {"model": "paper"}),
+    "accel_ukf": ("two_link_accel.yaml", "two_link_arm", {"alpha": 0.9}, {"depth": 5}),
+}
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_is_tuned_while_it_runs(name: str, bench: Bench) -> None:
+    """Numbers with a fraction change and the state stays; what shapes the state is refused with the reason."""
+    source, rig, tuning, structure = KINDS[name]
+    path = Path(__file__).resolve().parents[2] / "config" / source
+    messages = simulated(rig, rate_hz=100.0, duration_s=2.0)
+    node = bench.estimator(path, name)
+    bench.send(node, messages[: len(messages) // 2])
+    before, state = node.estimator, node.estimator.get_state()
+    ((taken, reason),) = set_parameters(bench, node, **structure)
+    assert not taken
+    assert "read-only" in reason
+    assert node.estimator is before
+
+    assert set(tuning) <= tunable(ESTIMATORS[name].Params)
+    assert bool(tuning) == bool(tunable(ESTIMATORS[name].Params))
+    assert all(taken for taken, _ in set_parameters(bench, node, **tuning))
+    for parameter, value in tuning.items():
+        assert getattr(node.estimator.params, parameter) == value
+    again = node.estimator.get_state()
+    assert repr(again) == repr(state)  # NaN are equal in their text
+    count = node.estimates
+    reports = bench.diagnostics(node)
+    bench.send(node, messages[len(messages) // 2 :])
+    assert node.estimates > count
+    report = reports.next()  # of the estimator that is in force now
+    assert {f"joint {joint}" for joint in node.estimator.joints} <= set(report)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +235,7 @@ def test_calibration_is_refused_without_data(
     assert not success
     assert "no data" in message
     bench.send(node, STILL)
-    monkeypatch.setattr(estimator_node, "_NO_DATA", 0.0)  # since then it may have moved
+    monkeypatch.setattr(services, "NO_DATA", 0.0)  # since then it may have moved
     assert not bench.trigger(node, "calibrate_zero")[0]
 
 
@@ -255,8 +298,11 @@ def test_diagnostics(bench: Bench, finger_config: Path) -> None:
     inputs = [f"input {bench.namespace}/imu/{name}" for name in ("palm", "proximal", "middle", "distal")]
 
     report = reports.next()
-    assert list(report) == [*inputs, *(f"joint {joint}" for joint in JOINTS), "IMU pairs"]
-    assert {status.message for status in report.values()} == {"never received", "no estimate yet"}
+    assert list(report) == ["estimator", *inputs, *(f"joint {joint}" for joint in JOINTS), "IMU pairs"]
+    estimator = report.pop("estimator")
+    assert estimator.level == DiagnosticStatus.WARN
+    assert estimator.message.startswith("not ready: ")
+    assert {status.message for status in report.values()} == {"never received: no publisher", "no estimate yet"}
     assert {status.level for status in report.values()} == {DiagnosticStatus.STALE}
     bench.until(lambda: any(log.msg.startswith("no messages on ") and inputs[0][6:] in log.msg for log in logs))
 
@@ -274,8 +320,9 @@ def test_diagnostics(bench: Bench, finger_config: Path) -> None:
     bench.until(lambda: any(log.msg.startswith("messages on ") for log in logs))
 
     report = reports.next()  # nothing came since the last one
+    assert report.pop("estimator").level == DiagnosticStatus.WARN
     assert {status.level for status in report.values()} == {DiagnosticStatus.STALE}
-    assert {status.message for status in report.values()} == {"no messages", "no new estimate"}
+    assert {status.message for status in report.values()} == {"no messages: no publisher", "no new estimate"}
 
 
 # ----------------------------------------------------------------- life

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import shutil
 import time
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,11 @@ from ros_bench import Bench, queue
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import SetBool
-from without_ros import Message, stamp
+from without_ros import Message, stamp, write_bag
 
 from jointest_ros.bags.cdr import IMU, JOINT_STATE
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.bags.writer import BagWriter
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.nodes.messages import CLASSES
 from jointest_ros.nodes.playback import SimulatedPlayback, sources
@@ -219,15 +217,6 @@ def test_bad_parameters(bench: Bench, parameters: dict[str, Any], message: str) 
         bench.hardware(**parameters)
     assert str(raised.value).startswith(message)
     assert "\n" not in str(raised.value)
-
-
-def write_bag(path: Path, types: dict[str, str], messages: Iterable[tuple[str, int, bytes]]) -> Path:
-    with BagWriter(path) as writer:
-        for topic, msgtype in types.items():
-            writer.add_topic(topic, msgtype)
-        for message in messages:
-            writer.write(*message)
-    return path
 
 
 def test_recording_without_sensors(bench: Bench, tmp_path: Path) -> None:

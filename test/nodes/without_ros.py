@@ -44,6 +44,16 @@ def write_simulation(path: Path, source: str, **options: Any) -> Path:
     return path
 
 
+def write_bag(path: Path, types: dict[str, str], messages: Iterable[tuple[str, int, bytes]]) -> Path:
+    """A recording of these topics and messages."""
+    with BagWriter(path) as writer:
+        for topic, msgtype in types.items():
+            writer.add_topic(topic, msgtype)
+        for message in messages:
+            writer.write(*message)
+    return path
+
+
 def make(path: Path, name: str = "pcf", **parameters: Any) -> tuple[Estimator, Intake]:
     """The estimator and the intake that a node has with this configuration."""
     configuration = config.load(path)
