@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from jointest_ros import config
-from jointest_ros.cli.common import Parsers, err, out, write_text
+from jointest_ros.cli.common import Parsers, err, out, write_json
 from jointest_ros.core.accel.array import JointArrays, joint_arrays, plane
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Vec3
@@ -52,7 +51,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "bound",
-        help="the error that accelerometer arrays allow, and the best places for them",
         description=_DESCRIPTION,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -114,16 +112,8 @@ def run(arguments: argparse.Namespace) -> int:
         err.print(f"{arguments.plot}: picture")
     if arguments.json:
         documents = {joint.arrays.joint.name: _document(joint) for joint in joints}
-        text = json.dumps(
-            {"schema": SCHEMA, "config": str(arguments.config), "rate_hz": rate, "joints": documents},
-            indent=2,
-            allow_nan=False,
-        )
-        if arguments.json == "-":
-            out.print(text)
-        else:
-            write_text(Path(arguments.json), text + "\n")
-            out.print(f"{arguments.json}: figures")
+        document = {"schema": SCHEMA, "config": str(arguments.config), "rate_hz": rate, "joints": documents}
+        write_json(arguments.json, document)
     return 0
 
 

@@ -12,7 +12,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "calibrate",
-        help="fit sensors to a recording, write the calibration file",
         description="Fit what the estimators need to a recording, and write the calibration file that the "
         "configuration names by calibration_file. Each kind writes its own section and leaves the others.",
     )

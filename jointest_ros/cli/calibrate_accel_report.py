@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rich.table import Table
 
-from jointest_ros.cli.calibrate_common import columns
+from jointest_ros.cli.tables import columns
 from jointest_ros.evaluation.accel_calibration import AccelFit, rms
 from jointest_ros.evaluation.accel_plot import FittedAccel
 

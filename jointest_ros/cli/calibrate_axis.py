@@ -10,9 +10,10 @@ from typing import Any
 from rich.table import Table
 
 from jointest_ros import config
-from jointest_ros.cli.calibrate_common import add_options, columns, command, finish, picture_file, target_file
+from jointest_ros.cli.calibrate_common import add_options, command, finish, picture_file, target_file
 from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, joints_given, read_pairs, save
 from jointest_ros.cli.common import Parsers, out, progress, warn
+from jointest_ros.cli.tables import columns
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.evaluation import axis_plot

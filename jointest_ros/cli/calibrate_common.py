@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
-
-from rich.table import Table
 
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.cli.common import OutputError, complain, out
@@ -61,16 +58,6 @@ def recorded(bag: Path, reader: BagReader) -> str:
 def command(arguments: argparse.Namespace, kind: str, *options: str) -> str:
     """The call, for a heading."""
     return " ".join([f"jointest calibrate {kind} {arguments.bag.name} --config {arguments.config.name}", *options])
-
-
-def columns(title: str, first: Sequence[str], numbers: Sequence[str]) -> Table:
-    """An empty table with columns of names and columns of numbers."""
-    table = Table(title=title, title_justify="left")
-    for heading in first:
-        table.add_column(heading, no_wrap=True)
-    for heading in numbers:
-        table.add_column(heading, justify="right", no_wrap=True)
-    return table
 
 
 def finish(arguments: argparse.Namespace, configuration: Configuration, target: Path, damage: str) -> int:

@@ -11,9 +11,10 @@ from typing import Any
 from rich.table import Table
 
 from jointest_ros import config
-from jointest_ros.cli.calibrate_common import add_options, columns, command, finish, target_file
+from jointest_ros.cli.calibrate_common import add_options, command, finish, target_file
 from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, joints_given, read_pairs
 from jointest_ros.cli.common import Parsers, out, progress, warn
+from jointest_ros.cli.tables import columns
 from jointest_ros.config import calibration
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.robot import UNCALIBRATED_SCALE

@@ -12,12 +12,11 @@ from rich.table import Table
 
 from jointest_ros import config
 from jointest_ros.bags.errors import BagError
+from jointest_ros.bags.ground_truth import TRUTH_JOINTS
 from jointest_ros.bags.hall_readings import HallReadings, read_hall
-from jointest_ros.bags.offline import TRUTH_JOINTS
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.cli.calibrate_common import (
     add_options,
-    columns,
     command,
     finish,
     picture_file,
@@ -25,6 +24,7 @@ from jointest_ros.cli.calibrate_common import (
     target_file,
 )
 from jointest_ros.cli.common import Parsers, out, progress, warn
+from jointest_ros.cli.tables import columns
 from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.hall_sensor import HallSensor

@@ -9,9 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 from jointest_ros import config
-from jointest_ros.cli.calibrate_common import add_options, columns, command, finish, target_file
+from jointest_ros.cli.calibrate_common import add_options, command, finish, target_file
 from jointest_ros.cli.calibrate_mountings import add_joints, chosen_pairs, joints_given, read_pairs, save
 from jointest_ros.cli.common import Parsers, out, warn
+from jointest_ros.cli.tables import columns
 from jointest_ros.config import calibration
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import Quat

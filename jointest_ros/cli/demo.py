@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 from pathlib import Path
 from typing import Any
 
 from jointest_ros import config, resources
-from jointest_ros.cli.common import Parsers, add_config, load_estimators, out
+from jointest_ros.cli.common import Parsers, add_config, load_estimators, needs_ros, out
 from jointest_ros.cli.tables import error_tables, input_table
-from jointest_ros.core.errors import ConfigurationError, JointestError
+from jointest_ros.core.errors import ConfigurationError
 
 ROBOTS = ("finger", "softhand_gripper", "exoshell", "two_link_accel")  # each with bags/<name> and config/<name>.yaml
-
-
-class NoRosError(JointestError):
-    """rclpy is not there."""
 
 
 def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "demo",
-        help="estimates beside the truth, live, on a shipped recording or your own",
         description="Play a recording through the simulated hardware node into the estimator nodes, all in this "
         "process, over ROS 2. Shows the estimates live, beside the ground truth where the recording has one, and ends "
         "with the errors. Without arguments: a shipped recording of a simulated soft finger, 15 s.",
@@ -49,13 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     path = arguments.config or resources.find(f"config/{arguments.robot}.yaml")
     configuration = config.load(path)
     names = list(load_estimators(configuration, arguments.estimator))
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # nothing of this leaves the host
-    try:
+    with needs_ros():
         from jointest_ros.nodes.demo import Demo
-    except ImportError as error:
-        raise NoRosError(
-            f"ROS 2 is not at hand ({error}): source your ROS 2 installation, or pip install 'jointest_ros[ros]'"
-        ) from None
     with Demo(bag, path, configuration, names, arguments.speed, arguments.namespace) as demo:
         try:
             demo.play(out)

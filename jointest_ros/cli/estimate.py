@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,7 +27,6 @@ from jointest_ros.cli.common import (
     progress,
     smoothers,
     warn,
-    warn_uncalibrated,
 )
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.estimator import Estimator
@@ -39,7 +39,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "estimate",
-        help="joint angles of a recording, to rosbag2 or CSV",
         description="Estimate the joint angles of a recording. No ground truth is needed.",
         epilog="CSV columns: stamp_ns, then for each joint position (rad), velocity (rad/s), standard deviation (rad) "
         "and status (0: all is well; see the documentation of Status). With several estimators their names are put "
@@ -68,7 +67,6 @@ def add_parser(commands: Parsers[Any]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
     configuration = config.load(arguments.config)
-    warn_uncalibrated(configuration)
     estimators = load_estimators(configuration, arguments.estimator)
     if not any(estimator.joints for estimator in estimators.values()):
         raise ConfigurationError(f"{configuration.path}: robot.joints: none; there is no joint angle to estimate")
@@ -77,6 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
     source = arguments.bag.resolve()
     if arguments.output.resolve() in (source, *source.parents):
         raise OutputError(f"{arguments.output}: is the recording itself; choose another name")
+    if arguments.output.suffix.lower() != ".csv" and not _names_a_bag(arguments.output):
+        advice = "give a name that ends in .csv, or the name of a new bag (no extension)"
+        raise OutputError(f"{arguments.output}: is not allowed as output; {advice}")
     intake = Intake(configuration.robot, configuration.timing)
     with BagReader(arguments.bag) as reader, progress(f"estimate {arguments.bag}") as report:
         offline.check_topics(reader, intake, arguments.namespace)
@@ -90,12 +91,11 @@ def run(arguments: argparse.Namespace) -> int:
                     lacking[name] = [joint for joint in lacking[name] if flags[joint] & _STARTING]
                 write(name, estimates)
 
-            frames = offline.RecordingSink()
             how: dict[str, Any] = {"namespace": arguments.namespace, "progress": report}
             if smoothing:
-                outcome = offline.read_frames(reader, intake, frames, **how)
+                recording, outcome = offline.read_recording(reader, intake, **how)
                 for name, estimator in smoothing.items():
-                    sink(name, _estimates(estimator.smooth(frames.recording())))
+                    sink(name, _estimates(estimator.smooth(recording)))
             else:
                 outcome = offline.run(reader, intake, estimators, sink, **how)
     for text in outcome.warnings:
@@ -140,6 +140,11 @@ def _csv_sink(arguments: argparse.Namespace, estimators: dict[str, Estimator]) -
             yield sink
     except OSError as error:
         raise OutputError(f"{arguments.output}: cannot be written: {error.strerror}") from None
+
+
+def _names_a_bag(path: Path) -> bool:
+    """Whether it is meant as the directory of a recording; a date or a version in its name is no extension."""
+    return path.name != "-" and re.fullmatch(r"\.[A-Za-z][A-Za-z0-9]{0,4}", path.suffix) is None
 
 
 def _estimates(series: Series) -> list[Estimate]:

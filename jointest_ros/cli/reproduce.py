@@ -12,8 +12,10 @@ from typing import Any
 from rich.table import Table
 
 from jointest_ros.cli.common import Parsers, out, progress
+from jointest_ros.cli.parallel import add_workers, given_workers
+from jointest_ros.cli.tables import result_table
 from jointest_ros.core.params import allowed_text
-from jointest_ros.reproduction.result import Options, Reproduction, ReproductionError, Result, ResultTable
+from jointest_ros.reproduction.result import Options, Reproduction, ReproductionError, Result
 
 Catalogue = Mapping[str, Reproduction]
 SCHEMA = 1
@@ -25,7 +27,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "reproduce",
-        help="the papers' tables and figures beside ours",
         description="Compute tables and figures of the papers anew and show them beside the printed ones. Each writes "
         "NAME.png and NAME.json into the output directory. Without a name: the list.",
     )
@@ -40,6 +41,7 @@ def add_parser(commands: Parsers[Any]) -> None:
         parser.add_argument(
             _flag(spec.name), dest=spec.name, type=type(spec.default), default=spec.default, metavar="X", help=text
         )
+    add_workers(parser)
     parser.set_defaults(run=run)
 
 
@@ -54,10 +56,11 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = _chosen(arguments.names, REPRODUCTIONS)
     options = Options(**{spec.name: getattr(arguments, spec.name) for spec in dataclasses.fields(Options)})
     _check_use(chosen, options, REPRODUCTIONS)
+    workers = given_workers(arguments)
     _make(arguments.output)
     for entry in chosen:
         with progress(entry.name) as report:
-            result = entry.run(report, options)
+            result = entry.run(report, options, workers)
             written = _write(arguments.output, entry, options, result)
         out.rule(f"{entry.name}: {entry.description}", align="left")
         _show(result)
@@ -126,19 +129,9 @@ def _write(directory: Path, entry: Reproduction, options: Options, result: Resul
 
 def _show(result: Result) -> None:
     for table in result.tables:
-        out.print(_table(table))
+        out.print(result_table(table))
     for heading, lines in (("Conditions", result.conditions), ("Remarks", result.remarks)):
         if lines:
             out.print(f"{heading}:", style="bold")
         for line in lines:
             out.print(f"- {line}", markup=False)
-
-
-def _table(figures: ResultTable) -> Table:
-    table = Table(title=figures.title, title_justify="left")
-    for number, column in enumerate(figures.columns):
-        words = all(isinstance(row[number], str | None) for row in figures.rows)
-        table.add_column(column, justify="left" if words else "right")
-    for row in figures.rows:
-        table.add_row(*map(figures.text, row))
-    return table

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from jointest_ros.bags import synthetic
-from jointest_ros.bags.cdr import JOINT_STATE
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter
 from jointest_ros.cli.common import Parsers, add_params, given_params, out, param_flag, progress, write_text
@@ -21,7 +20,6 @@ def add_parser(commands: Parsers[Any]) -> None:
     """Declare the command."""
     parser = commands.add_parser(
         "simulate",
-        help="write a synthetic rosbag2 recording with ground truth",
         description="Write a synthetic rosbag2 recording with ground truth, and beside it, as BAG.yaml, the "
         "configuration of its robot with the true mountings of the sensors.",
     )
@@ -52,21 +50,15 @@ def run(arguments: argparse.Namespace) -> int:
     if configuration.exists() and not arguments.overwrite:
         raise BagError(f"{configuration}: exists already; remove it, choose another name or give --overwrite")
     robot = next(rig.stretches(options)).robot
-    topics = synthetic.topics(robot)
     command = f"jointest simulate {rig.name} -o {arguments.output.name}"
     chosen = "".join(_given(spec, getattr(options, spec.name)) for spec in dataclasses.fields(rig.options))
     heading = f"The robot of the recording beside it, with its true mountings. Made by:\n{command}{chosen}"
-    total = round(options.duration_s * options.rate_hz) * len(topics)
+    total = round(options.duration_s * options.rate_hz) * len(synthetic.topics(robot))
     with (
         progress(f"{rig.name} {arguments.output}") as report,
         BagWriter(arguments.output, arguments.storage, overwrite=arguments.overwrite) as writer,
     ):
-        for topic, msgtype in topics.items():
-            writer.add_topic(f"/{topic}", msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
-        for done, (stamp, topic, data) in enumerate(synthetic.messages(rig.stretches(options))):
-            writer.write(f"/{topic}", stamp, data)
-            if done % 10000 == 0:
-                report(done, total)
+        synthetic.write(writer, robot, rig.stretches(options), lambda done: report(done, total))
         write_text(configuration, robot_yaml(robot, rig.estimators, heading))
     out.print(f"{arguments.output}: {options.duration_s:g} s at {options.rate_hz:g} Hz, {total} messages")
     out.print(f"{configuration}: its robot")

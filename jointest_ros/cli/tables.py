@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rich.table import Table
 
-_COLUMNS = (("rmse_deg", "rmse"), ("bias_deg", "bias"), ("std_deg", "std"), ("max_abs_deg", "max"))
+from jointest_ros.evaluation.report.kinds import FIGURES, KINDS, rows_of
+from jointest_ros.reproduction.result import ResultTable
+
+
+def columns(title: str, first: Sequence[str], numbers: Sequence[str]) -> Table:
+    """An empty table with columns of names and columns of numbers."""
+    table = Table(title=title, title_justify="left")
+    for heading in first:
+        table.add_column(heading, no_wrap=True)
+    for heading in numbers:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
 
 
 def error_tables(estimators: dict[str, dict[str, Any]], imus: int = 0) -> Iterator[Table]:
@@ -15,19 +26,9 @@ def error_tables(estimators: dict[str, dict[str, Any]], imus: int = 0) -> Iterat
 
     With the number of `imus` of a frame also what a sample of one costs.
     """
-    for title, rows in (
-        ("joint angle errors, deg", lambda figures: figures["joints"]),
-        ("joint velocity errors, deg/s", lambda figures: figures["velocities"]),
-        ("torso errors, deg", lambda figures: figures["torso"]),
-        ("inclination errors, deg", lambda figures: {s: f["inclination"] for s, f in figures["orientation"].items()}),
-        ("heading errors, deg", lambda figures: _headings(figures["orientation"])),
-    ):
-        if any(rows(figures) for figures in estimators.values()):
-            yield _table(title, estimators, rows, imus)
-
-
-def _headings(orientation: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    return {sensor: figures["heading"] for sensor, figures in orientation.items() if "heading" in figures}
+    for kind, title in KINDS.items():
+        if any(rows_of(figures, kind) for figures in estimators.values()):
+            yield _table(title, estimators, kind, imus)
 
 
 def consistency_line(estimators: dict[str, dict[str, Any]]) -> str:
@@ -41,19 +42,18 @@ def consistency_line(estimators: dict[str, dict[str, Any]]) -> str:
     return f"{meaning}: {', '.join(cells)}" if cells else ""
 
 
-def _table(title: str, estimators: dict[str, dict[str, Any]], rows: Any, imus: int) -> Table:
+def _table(title: str, estimators: dict[str, dict[str, Any]], kind: str, imus: int) -> Table:
     table = Table(title=title, title_justify="left")
     for heading in ("estimator", "of"):
         table.add_column(heading, overflow="fold")  # a name is shown whole
-    for _, heading in _COLUMNS:
+    for heading in (*FIGURES.values(), "coverage"):
         table.add_column(heading, justify="right")
-    table.add_column("coverage", justify="right")
     if imus:
         table.title, table.padding = f"{title}; ns: cost of a sample of one IMU", (0, 1, 0, 0)  # fits into 80 columns
         table.add_column("ns", justify="right")
     for name, figures in estimators.items():
-        for what, values in rows(figures).items():
-            numbers = ["-" if values[key] is None else f"{values[key]:.3f}" for key, _ in _COLUMNS]
+        for what, values in rows_of(figures, kind).items():
+            numbers = ["-" if values[key] is None else f"{values[key]:.3f}" for key in FIGURES]
             cost = [f"{figures['ns_per_frame'] / imus:.0f}"] if imus else []
             table.add_row(name, what, *numbers, f"{100.0 * values['coverage']:.1f} %", *cost)
     return table
@@ -69,4 +69,15 @@ def input_table(inputs: dict[str, dict[str, Any]]) -> Table:
     for topic, counts in inputs.items():
         refused = ", ".join(f"{n} {cause}" for cause, n in sorted(counts["refused"].items()))
         table.add_row(topic, str(counts["messages"]), str(counts["used"]), refused or "none")
+    return table
+
+
+def result_table(figures: ResultTable) -> Table:
+    """Words to the left, figures to the right."""
+    table = Table(title=figures.title, title_justify="left")
+    for number, column in enumerate(figures.columns):
+        words = all(isinstance(row[number], str | None) for row in figures.rows)
+        table.add_column(column, justify="left" if words else "right")
+    for row in figures.rows:
+        table.add_row(*map(figures.text, row))
     return table

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from bag_copies import copied
 
 from jointest_ros import config
 from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, decode_float32_multiarray, decode_joint_state
 from jointest_ros.bags.cdr_encode import JointStateEncoder, encode_float32_multiarray
-from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter
 from jointest_ros.core.hall_sensor import ExponentialCurve, SplineCurve
 
@@ -52,19 +52,6 @@ def robot(run: Path, tmp_path: Path) -> Path:
     path = tmp_path / "robot.yaml"
     path.write_bytes(run.with_name("robot.yaml").read_bytes())
     return path
-
-
-def copied(source: Path, target: Path, change: Callable[[str, int, bytes], bytes | None]) -> Path:
-    """The recording `source` with other message bytes at `target`; None: without that message."""
-    with BagReader(source) as reader, BagWriter(target) as writer:
-        messages = [(topic, time, change(topic, time, data)) for topic, time, data in reader.messages()]
-        kept = {topic for topic, _, data in messages if data is not None}
-        for topic in sorted(kept):
-            writer.add_topic(topic, reader.topics[topic])
-        for topic, time, data in messages:
-            if data is not None:
-                writer.write(topic, time, data)
-    return target
 
 
 def with_volts(change: Callable[[list[float]], list[float]]) -> Callable[[str, int, bytes], bytes]:

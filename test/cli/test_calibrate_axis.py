@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from bag_copies import Change, copied
 
 from jointest_ros import config
 from jointest_ros.bags.cdr import decode_imu
@@ -83,27 +84,15 @@ def axis_errors(configuration: Path, bag: Path) -> dict[tuple[str, str], float]:
     return errors
 
 
-def copied(source: Path, target: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
-    """The recording `source` with other message bytes at `target`; None: without that message."""
-    with BagReader(source) as reader, BagWriter(target) as writer:
-        messages = [(topic, time, change(topic, data)) for topic, time, data in reader.messages()]
-        for topic in sorted({topic for topic, _, data in messages if data is not None}):
-            writer.add_topic(topic, reader.topics[topic])
-        for topic, time, data in messages:
-            if data is not None:
-                writer.write(topic, time, data)
-    return target
+def without(topic: str) -> Change:
+    return lambda name, _, data: None if name == topic else data
 
 
-def without(topic: str) -> Callable[[str, bytes], bytes | None]:
-    return lambda name, data: None if name == topic else data
-
-
-def with_readings(topic: str, gyro: float = 1.0, accel: float = 1.0) -> Callable[[str, bytes], bytes]:
+def with_readings(topic: str, gyro: float = 1.0, accel: float = 1.0) -> Change:
     """Factors for the readings of one IMU."""
     encoder = ImuEncoder("imu")
 
-    def changed(name: str, data: bytes) -> bytes:
+    def changed(name: str, _time: int, data: bytes) -> bytes:
         if name != topic:
             return data
         stamp, _, w, a = decode_imu(data)
@@ -237,7 +226,7 @@ def test_a_silent_sensor_is_refused(
 
 
 def test_recordings_without_imus_are_refused(jointest: Jointest, run: Path, robot: Path, tmp_path: Path) -> None:
-    bag = copied(run, tmp_path / "truth", lambda name, data: None if "imu" in name else data)
+    bag = copied(run, tmp_path / "truth", lambda name, _, data: None if "imu" in name else data)
     assert (
         "no matching topic; the configuration wants imu/palm"
         in jointest("calibrate", "axis", bag, "-c", robot).refusal()
@@ -246,7 +235,7 @@ def test_recordings_without_imus_are_refused(jointest: Jointest, run: Path, robo
 
 
 def test_a_damaged_recording_gives_what_it_can(jointest: Jointest, run: Path, robot: Path, tmp_path: Path) -> None:
-    bag = copied(run, tmp_path / "run", lambda topic, data: data)
+    bag = copied(run, tmp_path / "run", lambda topic, time, data: data)
     (file,) = bag.glob("*.mcap")
     with file.open("rb+") as stream:
         stream.truncate(int(file.stat().st_size * 0.8))

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_copies import copied
 
 from jointest_ros import config
 from jointest_ros.bags import offline
-from jointest_ros.bags.cdr import IMU, JOINT_STATE, decode_joint_state
+from jointest_ros.bags.cdr import JOINT_STATE, decode_joint_state
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.bags.writer import BagWriter
 from jointest_ros.cli.common import load_estimators
 from jointest_ros.core.frame import Series, Status
 from jointest_ros.core.timing import Timing
@@ -46,14 +46,7 @@ def table(path: Path) -> tuple[list[str], np.ndarray]:
 @pytest.fixture
 def without_truth(finger: Path, tmp_path: Path) -> Path:
     """The recording `finger` without its ground truth."""
-    path = tmp_path / "without_truth"
-    with BagReader(finger) as reader, BagWriter(path) as writer:
-        topics = [topic for topic, kind in reader.topics.items() if kind == IMU]
-        for topic in topics:
-            writer.add_topic(topic, IMU)
-        for message in reader.messages(topics):
-            writer.write(*message)
-    return path
+    return copied(finger, tmp_path / "without_truth", lambda topic, _, data: data if "imu/" in topic else None)
 
 
 def test_csv(without_truth: Path, finger_yaml: Path, jointest: Jointest, tmp_path: Path) -> None:
@@ -146,6 +139,16 @@ def test_the_recording_itself_is_never_overwritten(
         text = jointest("estimate", source, "-c", finger_yaml, "-o", target, "--overwrite").refusal()
         assert text == f"{target}: is the recording itself; choose another name"
     assert file.read_bytes() == content
+
+
+@pytest.mark.parametrize("name", ["-", "angles.txt", "angles.mcap"])
+def test_a_name_that_is_neither_csv_nor_a_bag(
+    name: str, finger: Path, finger_yaml: Path, jointest: Jointest, tmp_path: Path
+) -> None:
+    text = jointest("estimate", finger, "-c", finger_yaml, "-o", tmp_path / name).refusal()
+    advice = "give a name that ends in .csv, or the name of a new bag (no extension)"
+    assert text == f"{tmp_path / name}: is not allowed as output; {advice}"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_outputs_that_cannot_be_written(finger: Path, finger_yaml: Path, jointest: Jointest, tmp_path: Path) -> None:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from jointest_ros import config
 from jointest_ros.bags.cdr import IMU, decode_joint_state
 from jointest_ros.bags.cdr_encode import JointStateEncoder
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter
+from jointest_ros.cli.evaluate_bag import Options, Task, evaluate_task
 
 Jointest = Callable[..., Any]
 JOINTS = ("finger_mcp", "finger_pip", "finger_dip")
@@ -51,7 +55,10 @@ def copied(bag: Path, to: Path, change: Callable[[str, int, bytes], list[tuple[s
 
 def test_the_json_has_exactly_the_keys_of_the_design(jointest: Jointest, finger: Path, finger_yaml: Path) -> None:
     document = figures(jointest, finger, "-c", finger_yaml)
-    assert set(document) == {"schema", "bag", "duration_s", "estimators", "input"}
+    assert set(document) == {"schema", "bag", "duration_s", "estimators", "input", "settings", "versions"}
+    assert set(document["settings"]) == {"skip_s", "moving", "namespace", "robot", "estimators"}
+    assert document["settings"]["estimators"]["pcf"]["floor_deg"] == 0.05  # defaults included
+    assert set(document["versions"]) == {"jointest_ros", "python", "numpy", "scipy"}
     assert (document["schema"], document["bag"]) == (1, str(finger))
     assert document["duration_s"] == pytest.approx(4.99)
     assert set(document["estimators"]) == {"pcf"}
@@ -137,6 +144,34 @@ def test_an_estimator_without_a_section_runs_with_its_defaults(
     bare.write_text(finger_yaml.read_text(encoding="utf-8").split("estimators:")[0], encoding="utf-8")
     assert "no section under estimators" in jointest("evaluate", finger, "-c", bare).refusal()
     assert list(figures(jointest, finger, "-c", bare, "-e", "pcf")["estimators"]) == ["pcf"]
+
+
+def test_the_digest_of_the_robot_changes_with_what_counts_and_not_with_comments(
+    jointest: Jointest, finger: Path, finger_yaml: Path, tmp_path: Path
+) -> None:
+    text = finger_yaml.read_text(encoding="utf-8")
+    digests = []
+    for name, content in (
+        ("same", text),
+        ("comment", "# another comment\n" + text),
+        ("other", text.replace("name:", "name: other #", 1)),
+    ):
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(content, encoding="utf-8")
+        digests.append(figures(jointest, finger, "-c", path)["settings"]["robot"])
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_recording_can_be_evaluated_by_another_process(finger: Path, finger_yaml: Path) -> None:
+    """What it needs and what it gives survive pickling, and are the same."""
+    task = Task(finger, Options(config.load(finger_yaml), skip_s=1.0))
+    here = evaluate_task(task)
+    there = pickle.loads(pickle.dumps(evaluate_task(pickle.loads(pickle.dumps(task)))))
+    for done in (here, there):
+        del done.document["estimators"]["pcf"]["ns_per_frame"]
+    assert here == there
+    failed = evaluate_task(replace(task, bag=finger / "absent"))
+    assert (failed.document, failed.error) == (None, f"{finger / 'absent'}: no such bag")
 
 
 # -------------------------------------------------------------------- several recordings

@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 import yaml
+from bag_copies import copied
 
 from jointest_ros.bags.cdr import decode_imu
 from jointest_ros.bags.cdr_encode import ImuEncoder
-from jointest_ros.bags.reader import BagReader
-from jointest_ros.bags.writer import BagWriter
 
 Jointest = Callable[..., Any]
 VICTIM = "/imu/middle"
@@ -21,16 +20,14 @@ VICTIM = "/imu/middle"
 @pytest.fixture
 def in_g(finger: Path, tmp_path: Path) -> Path:
     """The finger at rest and in motion, one accelerometer in g."""
-    target = tmp_path / "in_g"
-    with BagReader(finger) as reader, BagWriter(target) as writer:
-        for topic, msgtype in reader.topics.items():
-            writer.add_topic(topic, msgtype)
-        for topic, time, data in reader.messages():
-            if topic == VICTIM:
-                stamp, frame_id, gyro, (x, y, z) = decode_imu(data)
-                data = ImuEncoder(frame_id).encode(stamp, gyro, (x / 9.81, y / 9.81, z / 9.81))
-            writer.write(topic, time, data)
-    return target
+
+    def change(topic: str, _time: int, data: bytes) -> bytes:
+        if topic != VICTIM:
+            return data
+        stamp, frame_id, gyro, (x, y, z) = decode_imu(data)
+        return ImuEncoder(frame_id).encode(stamp, gyro, (x / 9.81, y / 9.81, z / 9.81))
+
+    return copied(finger, tmp_path / "in_g", change)
 
 
 @pytest.mark.parametrize("command", ["evaluate", "estimate"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 
 from jointest_ros import __version__
 from jointest_ros.bags import synthetic
-from jointest_ros.cli import convert
+from jointest_ros.cli import common, convert
 from jointest_ros.core.errors import JointestError
 
 Jointest = Callable[..., Any]
@@ -46,6 +47,9 @@ def test_every_command_has_a_help_that_says_what_it_does(command: str, jointest:
     ("arguments", "expected"),
     [
         (["frobnicate"], "invalid choice: 'frobnicate'"),
+        (["evalute", "bag"], "invalid choice: 'evalute'; did you mean 'evaluate'?"),
+        (["evaluate", "bag", "--confg", "x.yaml"], "unrecognized arguments: --confg; did you mean '--config'?"),
+        (["simulate", "finger", "--ratte=5"], "unrecognized arguments: --ratte; did you mean '--rate'?"),
         (["--frobnicate", "demo"], "unrecognized arguments: --frobnicate"),
         (["simulate"], "the following arguments are required: RIG"),
         (["simulate", "octopus", "-o", "x"], "invalid choice: 'octopus'"),
@@ -109,6 +113,20 @@ def test_a_mistake_of_ours_is_not_hidden(jointest: Jointest, monkeypatch: pytest
     monkeypatch.setattr(convert, "run", failing(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):
         jointest("convert", "song", "a", "-o", "b")
+
+
+@pytest.mark.parametrize("command", ["inspect", "evaluate"])
+def test_a_narrow_terminal_cuts_no_figure(
+    command: str, jointest: Jointest, finger: Path, finger_yaml: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = []
+    for width in (200, 80, 40):
+        monkeypatch.setattr(common.out, "_width", width)
+        text = jointest(command, finger, "-c", finger_yaml).out
+        assert "…" not in text
+        shown.append(re.findall(r"(?<= )-?[0-9.]+%?(?= )", text))
+    assert len(shown[0]) > 20
+    assert shown == shown[:1] * 3
 
 
 # -------------------------------------------------------------------- as processes
