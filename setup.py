@@ -20,12 +20,11 @@ ESTIMATORS = ("pcf", "gyro", "hall", "kf", "kckf", "accel_analytical", "accel_ek
 # command -> the module whose main() it runs
 COMMANDS = {
     "jointest": "jointest_ros.cli.main",
-    **{f"{name}_node": f"jointest_ros.nodes.{name}_node" for name in ESTIMATORS},
-    "sim_hardware_node": "jointest_ros.nodes.sim_hardware_node",
+    **{f"{name}_node": "jointest_ros.nodes.start" for name in (*ESTIMATORS, "sim_hardware")},
 }
 
 # folders that share/ gets, as far as they exist
-DATA = ["config", "launch", "urdf", "rviz", "bags"]
+DATA = ["config", "launch", "urdf", "rviz", "foxglove", "bags", "sros2"]
 
 
 def shared_files() -> list[tuple[str, list[str]]]:

@@ -23,9 +23,9 @@ exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = "jointest_ros"
 myst_heading_anchors = 3
+napoleon_custom_sections = [("Class attributes", "Attributes"), ("Instance attributes", "Attributes")]
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"
-nitpicky = False
 
 
 class Parameters(SphinxDirective):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -52,3 +53,15 @@ def finger_config() -> Path:
 def gripper_config() -> Path:
     """The configuration of the simulated gripper."""
     return PROJECT / "config" / "softhand_gripper.yaml"
+
+
+@pytest.fixture(scope="session")
+def cluster() -> Iterator[str]:
+    """Address of a Dask cluster of two worker processes, which find this package and test/evaluation/parallel_jobs."""
+    distributed = pytest.importorskip("distributed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(map(str, (PROJECT, PROJECT / "test" / "evaluation"))))
+        with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        ) as made:
+            yield made.scheduler_address

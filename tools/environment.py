@@ -22,7 +22,7 @@ LOG = VENV / "install.log"
 STAMP = VENV / "installed"
 # what steers an installation, and the folders of data that setup.py names
 PACKAGING = ["setup.py", "setup.cfg", "pyproject.toml", "package.xml", "resource", "scripts"]
-DATA = ["config", "launch", "urdf", "rviz", "bags", "sros2"]
+DATA = ["config", "launch", "urdf", "rviz", "foxglove", "bags", "sros2"]
 
 
 def main() -> None:
@@ -50,7 +50,7 @@ def main() -> None:
         print(f"The packaging or its data changed: installing jointest_ros again (see {LOG})", flush=True)
         isolation = ["--no-build-isolation"]  # setuptools is there by now: no network needed
         STAMP.unlink()  # an installation that is interrupted does not count
-    extras = ["convert", "test"] if UBUNTU else ["convert", "docs", "test"]
+    extras = ["cluster", "convert", "report", "test"] if UBUNTU else ["cluster", "convert", "docs", "report", "test"]
     if not ros_sourced:
         extras.append("ros")
     if UBUNTU:

@@ -20,11 +20,16 @@ MAY_IMPORT = {
     "sim": {"core", "sim"},
     "evaluation": BASE,
     "reproduction": BASE | {"reproduction"},
+    "benchmark": BASE | {"config", "bags", "reproduction", "resources", "benchmark"},
     "config": BASE | {"config"},
     "bags": BASE | {"bags"},
     "resources": {"core"},
-    "nodes": BASE | {"config", "bags", "nodes"},
-    "cli": BASE | {"config", "bags", "nodes", "reproduction", "resources", "cli"},
+    "threads": set(),
+    "interruption": set(),
+    "view": BASE | {"config", "resources", "view"},
+    "nodes": BASE | {"config", "bags", "benchmark", "nodes", "threads", "interruption"},
+    "cli": BASE
+    | {"config", "bags", "benchmark", "nodes", "reproduction", "resources", "view", "cli", "threads", "interruption"},
 }
 ROS = re.compile(r"(rclpy|rpyutils|rosidl_\w+|\w+_(msgs|srvs|interfaces))$")
 

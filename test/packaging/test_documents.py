@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import json
 import os
@@ -35,6 +36,20 @@ def test_estimator_of_ones_own(tmp_path: Path) -> None:
     assert all(0.0 < joint["rmse_deg"] < 5.0 and joint["coverage"] == 1.0 for joint in joints.values())
     assert "broken = tilt:Missing is left out: AttributeError" in done.stderr
     assert "pcf = tilt:Tilt is left out: it must be an Estimator, named 'pcf' as no other is" in done.stderr
+
+
+def test_package_of_ones_own() -> None:
+    """The setup.py of docs/own_estimator.md is Python that says where its estimator and its node are."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/own_estimator.md").read_text(encoding="utf-8"), re.DOTALL)
+    (text,) = (block for block in blocks if "entry_points" in block)
+    (call,) = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
+    assert isinstance(call.func, ast.Name)
+    assert call.func.id == "setup"
+    (value,) = (keyword.value for keyword in call.keywords if keyword.arg == "entry_points")
+    assert ast.literal_eval(value) == {
+        "jointest_ros.estimators": ["tilt = my_package.tilt:Tilt"],
+        "console_scripts": ["tilt_node = my_package.tilt_node:main"],
+    }
 
 
 def test_documentation_builds_without_a_warning(tmp_path: Path) -> None:
