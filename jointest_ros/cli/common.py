@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from jointest_ros.config import Configuration
+from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError, JointestError
 from jointest_ros.core.estimator import Estimator
@@ -89,6 +89,13 @@ def progress(description: str) -> Iterator[Callable[[int, int], None]]:
 def warn(text: str) -> None:
     """One line of warning on standard error."""
     err.print(f"warning: {text}", style="yellow")
+
+
+def tell_calibration(configuration: Configuration) -> None:
+    """One line on standard error where a calibration file takes precedence over the configuration."""
+    file = configuration.calibration_file
+    if file is not None and (sections := calibration.sections_of(file)):
+        err.print(f"{file}: calibration in use ({', '.join(sections)})")
 
 
 def complain(command: str, text: object) -> None:

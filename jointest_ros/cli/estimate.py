@@ -26,6 +26,7 @@ from jointest_ros.cli.common import (
     out,
     progress,
     smoothers,
+    tell_calibration,
     warn,
 )
 from jointest_ros.core.errors import ConfigurationError
@@ -67,6 +68,7 @@ def add_parser(commands: Parsers[Any]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Body of the command."""
     configuration = config.load(arguments.config)
+    tell_calibration(configuration)
     estimators = load_estimators(configuration, arguments.estimator)
     if not any(estimator.joints for estimator in estimators.values()):
         raise ConfigurationError(f"{configuration.path}: robot.joints: none; there is no joint angle to estimate")

@@ -11,7 +11,7 @@ from jointest_ros import config
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.ground_truth import TRUTH_JOINTS, TRUTH_MOVEMENT, TRUTH_ORIENTATION
 from jointest_ros.cli import evaluate_output as output
-from jointest_ros.cli.common import Parsers, add_config, complain, load_estimators, warn, write_json
+from jointest_ros.cli.common import Parsers, add_config, complain, load_estimators, tell_calibration, warn, write_json
 from jointest_ros.cli.evaluate_bag import Options, Task
 from jointest_ros.cli.evaluate_jobs import evaluated
 from jointest_ros.cli.parallel import add_workers, given_workers
@@ -124,6 +124,7 @@ def _tasks(arguments: argparse.Namespace) -> tuple[list[Task], int]:
         plots.check_suffix(arguments.plot)
     earlier = _earlier(arguments)
     configuration = config.load(arguments.config)
+    tell_calibration(configuration)
     load_estimators(configuration, arguments.estimator)
     imus = 0
     if arguments.peers:

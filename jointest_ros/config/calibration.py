@@ -113,6 +113,11 @@ def heading(path: Path, section: str) -> str:
     return "\n".join(line[1:].removeprefix(" ") for line in comment)
 
 
+def sections_of(path: Path) -> list[str]:
+    """The sections that a calibration file has; none where there is no file. Raises ConfigurationError."""
+    return list(_split(read.read_file(path, "calibration") or ""))
+
+
 # ---------------------------------------------------------------- reading
 
 

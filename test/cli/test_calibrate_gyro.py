@@ -53,6 +53,8 @@ def test_the_estimators_use_what_it_writes(jointest: Jointest, run: Path, robot:
     text = robot.with_name("calibrated.yaml").read_text(encoding="utf-8")
     assert text.startswith("# Gyro scales by: jointest calibrate gyro run --config robot.yaml\n")
     assert yaml.safe_load(text)["gyro"].keys() == set(SENSORS)
+    told = jointest("evaluate", run.with_name("missing"), "-c", robot).err
+    assert "calibrated.yaml: calibration in use (gyro)" in told
 
 
 def test_a_calibration_that_is_there_already_makes_no_difference(jointest: Jointest, run: Path, robot: Path) -> None:

@@ -189,7 +189,7 @@ def test_without_a_file_in_the_configuration_it_says_how_to_use_the_new_one(benc
     message = taught(bench, path)
     written = tmp_path / "finger_calibration.yaml"
     assert message.startswith(f"{written}: biases ")
-    assert "zero poses" not in message  # they are taken at each start
+    assert "zero poses of" not in message  # they are taken at each start
     assert message.endswith(f"write into {path}: calibration_file: finger_calibration.yaml")
     assert bench.estimator(path, calibration_file=str(written)).estimator.calibrated
 

@@ -133,6 +133,12 @@ def nothing_stays() -> Iterator[None]:
     assert held() == before
 
 
+def _services(bench: Bench) -> list[str]:
+    """Those of estimator and hardware."""
+    names = [name for name, _ in bench.probe.get_service_names_and_types()]
+    return [name for name in names if "pcf_node" in name or "sim_hardware_node" in name]
+
+
 def test_made_and_destroyed_fifty_times(bench: Bench, finger_config: Path, finger_bag: Path) -> None:
     """No subscription, publisher, service, file, thread or object of it stays."""
     gone: list[weakref.ref[Node]] = []
@@ -155,8 +161,7 @@ def test_made_and_destroyed_fifty_times(bench: Bench, finger_config: Path, finge
     bench.until(lambda: not bench.probe.count_subscribers("imu/palm"), "the end of the subscriptions")
     for topic in ("imu/palm", "joint_states", "biases", "joint_covariance"):
         bench.until(lambda topic=topic: not bench.probe.count_publishers(topic), "the end of the publishers")
-    names = [name for name, _ in bench.probe.get_service_names_and_types()]
-    assert not [name for name in names if "pcf_node" in name or "sim_hardware_node" in name]
+    bench.until(lambda: not _services(bench), "the end of the services")
     states = bench.listen()  # and one more works as the first
     bench.send(bench.estimator(finger_config), MOVING)
     bench.until(lambda: len(states) == 300, "300 states")
