@@ -114,9 +114,12 @@ def test_an_interrupted_run_ends_at_once_in_one_line_and_goes_on(
     bags = [str(bag) for bag in (finger, *others)]
     command = [sys.executable, "-c", MAIN, "evaluate", *bags, "-c", str(finger_yaml)]
     command += ["--jobs", "2", "--resume", str(tmp_path / "kept")]
+    # where this process ignores SIGINT, as in the background of a shell, its children would as well
+    before_it = signal.signal(signal.SIGINT, signal.default_int_handler)
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
+        signal.signal(signal.SIGINT, before_it)
         assert process.stdout
         assert str(finger) in process.stdout.readline()  # the first is done, many others are not
         os.killpg(process.pid, signal.SIGINT)  # as the terminal does
