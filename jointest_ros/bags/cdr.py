@@ -98,7 +98,7 @@ class _JointStates(NamedTuple):
 
 
 _texts = _Texts()
-_arrays: dict[int, _Arrays] = {}  # the first one of every length of a message
+_arrays: dict[int, _Arrays] = {}  # the newest one of every length of a message
 _joint_states: dict[int, _JointStates] = {}  # the same
 IMU_LAYOUTS = StampedLayouts("104x3d72x3d72x")  # orientation and covariance, gyro, covariance, accel, covariance
 MAGNETIC_FIELD_LAYOUTS = StampedLayouts("3d72x")  # field, covariance
@@ -186,7 +186,7 @@ def decode_joint_state(data: bytes) -> tuple[int, tuple[str, ...], tuple[float, 
         start = offset - 8 * len(position)
         velocity, offset = _read_doubles(data, offset)
         effort, _ = _read_doubles(data, offset)
-        if position and known is None and len(data) <= _MAX_STRING:
+        if position and len(data) <= _MAX_STRING:
             _joint_states[len(data)] = _JointStates.of(data, start, names, len(position), len(velocity), len(effort))
         return stamp, names, position, velocity
     except (struct.error, ValueError) as error:
@@ -201,33 +201,41 @@ def decode_float32_multiarray(data: bytes) -> tuple[tuple[float, ...], Dims]:
         known = _arrays.get(len(data))
         if known is not None and data.startswith(known.head, 4):
             return known.values.unpack_from(data, 4 + len(known.head)), known.dims
-        count, offset = _uint32.unpack_from(data, 4)[0], 8
-        if 12 * count > len(data):
-            raise ValueError(f"{count} dimensions")
-        dims: list[tuple[str, int]] = []
-        for _ in range(count):
-            label, offset = _read_string(data, offset)
-            offset = (offset + 3) & ~3
-            size, _stride = _two_uint32.unpack_from(data, offset)
-            dims.append((label, size))
-            offset += 8
-        skip, length = _two_uint32.unpack_from(data, offset)
-        offset += 8
-        if offset + 4 * length > len(data):
-            raise ValueError(f"{length} values")
-        layout = Struct(f"<{length}f")
-        values = layout.unpack_from(data, offset)
-        if not skip and known is None and len(data) <= _MAX_STRING:
-            _arrays[len(data)] = _Arrays(data[4:offset], tuple(dims), layout)
-        return values[skip:], tuple(dims)  # the layout's data_offset: elements before the first one
+        layout, skip = _read_layout(data)
+        values = layout.values.unpack_from(data, 4 + len(layout.head))
+        if not skip and len(data) <= _MAX_STRING:
+            _arrays[len(data)] = layout
+        return values[skip:], layout.dims  # the layout's data_offset: elements before the first one
     except (struct.error, ValueError) as error:
         raise _refusal(FLOAT32_MULTIARRAY, data, error) from None
 
 
 def float32_multiarray_head(data: bytes) -> bytes | None:
-    """All from the dimensions to the number of values, if `decode_float32_multiarray` knows it; the values follow."""
-    known = _arrays.get(len(data))
-    return known.head if known is not None and data.startswith(known.head, 4) else None
+    """All from the dimensions to the number of values of what `decode_float32_multiarray` takes.
+
+    The values follow; None: there are elements before the first one.
+    """
+    layout, skip = _read_layout(data)
+    return None if skip else layout.head
+
+
+def _read_layout(data: bytes) -> tuple[_Arrays, int]:
+    """What comes before the values, and how many elements before the first one they begin with."""
+    count, offset = _uint32.unpack_from(data, 4)[0], 8
+    if 12 * count > len(data):
+        raise ValueError(f"{count} dimensions")
+    dims: list[tuple[str, int]] = []
+    for _ in range(count):
+        label, offset = _read_string(data, offset)
+        offset = (offset + 3) & ~3
+        size, _stride = _two_uint32.unpack_from(data, offset)
+        dims.append((label, size))
+        offset += 8
+    skip, length = _two_uint32.unpack_from(data, offset)
+    offset += 8
+    if offset + 4 * length > len(data):
+        raise ValueError(f"{length} values")
+    return _Arrays(data[4:offset], tuple(dims), Struct(f"<{length}f")), skip
 
 
 def _read_string(data: bytes, offset: int) -> tuple[str, int]:

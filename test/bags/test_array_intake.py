@@ -156,6 +156,14 @@ def test_sound_streams_are_taken_as_blocks(robot: Robot, messages: list[Message]
     assert sum(blocks) > 400
 
 
+def test_what_another_robot_sent_before_changes_nothing(blocks: list[int]) -> None:
+    """Its messages have the same length, and other names: what a decoder remembers must not hold up this one."""
+    for label in ("spring", "sensor", "string"):
+        blocks.clear()
+        compare(ARM, Timing(), stream(dims=(("joint", 1), (label, 2))))
+        assert sum(blocks) > 400, label
+
+
 def test_the_order_within_a_frame_may_change(blocks: list[int]) -> None:
     rng, messages = random.Random(3), stream()
     shuffled: list[Message] = []
