@@ -15,8 +15,8 @@ from jointest_ros.bags.cdr import (
     decode_imu,
     decode_magnetic_field,
 )
-from jointest_ros.bags.errors import CdrError, UnknownEncoding
-from jointest_ros.bags.typestore import as_little_endian
+from jointest_ros.bags.errors import CdrError
+from jointest_ros.bags.typestore import decoded
 from jointest_ros.core.assembler import FrameAssembler
 from jointest_ros.core.assembler_inputs import Source
 from jointest_ros.core.errors import ConfigurationError
@@ -166,10 +166,7 @@ class Intake:
 
     def _decode(self, topic: str, msgtype: str, decode: Callable[[bytes], Any], data: bytes) -> Any:
         try:
-            try:
-                return decode(data)
-            except UnknownEncoding:
-                return decode(as_little_endian(data, msgtype))
+            return decoded(decode, data, msgtype)
         except CdrError:
             self._refused[topic]["undecodable"] += 1
             return None

@@ -20,12 +20,12 @@ from jointest_ros.bags.cdr import (
     decode_imu,
     decode_magnetic_field,
 )
-from jointest_ros.bags.errors import BagError, CdrError, UnknownEncoding
+from jointest_ros.bags.errors import BagError, CdrError
 from jointest_ros.bags.ground_truth import TruthReader
 from jointest_ros.bags.intake import HALL_TOPIC
 from jointest_ros.bags.offline import Progress
 from jointest_ros.bags.reader import BagReader
-from jointest_ros.bags.typestore import as_little_endian, typestore
+from jointest_ros.bags.typestore import decoded, typestore
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.inspection.stream import Stream
 from jointest_ros.evaluation.truth import Truth
@@ -140,10 +140,7 @@ def imu_sources(reader: BagReader, progress: Progress = lambda done, total: None
 
 
 def _imu(table: dict[tuple[str, str], _Rows], topic: str, data: bytes, time: int) -> None:
-    try:
-        stamp, frame_id, gyro, accel = decode_imu(data)
-    except UnknownEncoding:
-        stamp, frame_id, gyro, accel = decode_imu(as_little_endian(data, IMU))
+    stamp, frame_id, gyro, accel = decoded(decode_imu, data, IMU)
     rows = table.get((topic, frame_id))
     if rows is None:
         rows = table[topic, frame_id] = _Rows()
@@ -165,10 +162,7 @@ def _has_orientation(data: bytes) -> bool:
 
 
 def _mag(table: dict[tuple[str, str], _Rows], topic: str, data: bytes, time: int) -> None:
-    try:
-        stamp, frame_id, value = decode_magnetic_field(data)
-    except UnknownEncoding:
-        stamp, frame_id, value = decode_magnetic_field(as_little_endian(data, MAGNETIC_FIELD))
+    stamp, frame_id, value = decoded(decode_magnetic_field, data, MAGNETIC_FIELD)
     rows = table.setdefault((topic, frame_id), _Rows())
     rows.stamps.append(stamp)
     rows.recorded.append(time)
@@ -176,10 +170,7 @@ def _mag(table: dict[tuple[str, str], _Rows], topic: str, data: bytes, time: int
 
 
 def _hall(table: dict[int, tuple[array[int], array[float]]], data: bytes, time: int) -> None:
-    try:
-        volts = decode_float32_multiarray(data)[0]
-    except UnknownEncoding:
-        volts = decode_float32_multiarray(as_little_endian(data, FLOAT32_MULTIARRAY))[0]
+    volts = decoded(decode_float32_multiarray, data, FLOAT32_MULTIARRAY)[0]
     if not volts:
         return
     times, values = table.setdefault(len(volts), (array("q"), array("d")))

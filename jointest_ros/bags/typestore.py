@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from typing import TypeVar
 
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from jointest_ros.bags.errors import CdrError
+from jointest_ros.bags.errors import CdrError, UnknownEncoding
+
+DecodedT = TypeVar("DecodedT")
 
 
 @cache
@@ -29,3 +33,15 @@ def as_little_endian(data: bytes, msgtype: str) -> bytes:
         return bytes(typestore().serialize_cdr(message, msgtype, little_endian=True))
     except Exception as error:  # its generated code raises whatever damaged bytes make it trip over
         raise CdrError(f"{msgtype}: {error}") from None
+
+
+def decoded(decode: Callable[[bytes], DecodedT], data: bytes, msgtype: str) -> DecodedT:
+    """What a decoder of `cdr` makes of a message, also in an encoding that only the general deserialiser knows.
+
+    Raises:
+        CdrError: see `as_little_endian`.
+    """
+    try:
+        return decode(data)
+    except UnknownEncoding:
+        return decode(as_little_endian(data, msgtype))

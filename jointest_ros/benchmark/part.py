@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 
 from jointest_ros.core.errors import JointestError
 from jointest_ros.core.params import Params, param
+from jointest_ros.evaluation.jobs import Workers
 from jointest_ros.reproduction.result import Report, ResultTable
 
 # a part needs the latter two as well
@@ -60,11 +60,10 @@ Run = Callable[[Options, Report], PartResult]  # report: (steps done, of how man
 
 def machine() -> dict[str, Any]:
     """What figures of time depend on."""
-    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "cpus": cpus,
+        "cpus": Workers().processes,
         "platform": platform.platform(terse=True),
     }
 

@@ -8,6 +8,7 @@ The policy, in sensor time (see also docs/conventions.md):
   *between* topics, which DDS does not keep, changes nothing as long as no topic lags by more than `max_wait`.
 - A repeated or older stamp, a non-finite or implausible value in a field in use are refused and counted by cause; so is
   a frozen IMU: one reading to the last bit, which says that the link turns.
+- `frame_block` gives the same for whole blocks of a sound stream: a new rule here needs its condition there.
 - Two streams on the topic of one IMU, which alternate (`Mixture`), are refused both, and Hall messages meanwhile.
 - A stamp that is off by more than `max_gap` forward or `reset_jump` back is held until a second sample confirms it;
   without confirmation it is refused. Confirmed: up to `reset_jump` it was a gap, beyond it the next frame says `reset`.

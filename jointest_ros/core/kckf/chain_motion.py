@@ -40,7 +40,6 @@ class ChainMotion:
     """
 
     def __init__(self, linkage: Linkage, off_axis: bool) -> None:
-        self._off_axis = off_axis
         self._joints: list[tuple[JointFrame, int, int, int]] = []
         n, width = len(linkage.joints), 3 * len(linkage.links)
         active: list[int] = []
