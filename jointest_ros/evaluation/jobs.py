@@ -189,8 +189,8 @@ def _end_with_parent() -> None:
 def _on_cluster(jobs: dict[int, partial[ResultT]], address: str) -> Outcomes:
     """By the workers of a cluster. What a dead one takes with it, the scheduler gives to another one."""
     with _cluster(address) as executor:
-        here = str(Path.cwd())
-        futures = {executor.submit(_call, here, job): number for number, job in jobs.items()}
+        here, wanted = str(Path.cwd()), software()
+        futures = {executor.submit(_call, here, wanted, job): number for number, job in jobs.items()}
         for future in as_completed(futures):
             outcome = _outcome(future)
             if type(outcome).__name__ == "KilledWorker":
@@ -220,11 +220,16 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _check_software(client: Any, address: str) -> None:
-    """Results would be others where the software is."""
+    """Results would be others where the software is: no job begins before this is known of the workers there."""
     if not client.nthreads():
         logging.getLogger(__name__).warning("the Dask scheduler at %s has no workers yet: waiting", address)
     wanted = software()
-    for worker, found in client.run(software, on_error="return").items():
+    try:
+        client.wait_for_workers(1)
+        answers = client.run(software, on_error="return")
+    except OSError:
+        raise WorkerError(f"--scheduler {address}: the scheduler went away") from None
+    for worker, found in answers.items():
         if isinstance(found, OSError):  # it has just died: jobs go to others
             continue
         if isinstance(found, Exception):
@@ -233,8 +238,10 @@ def _check_software(client: Any, address: str) -> None:
             raise WorkerError(f"--scheduler {address}: {worker} has jointest_ros {found}, but here is {wanted}")
 
 
-def _call(folder: str, job: partial[ResultT]) -> ResultT:
-    """In a worker of a cluster: paths mean what they mean here, if it has the same folders."""
+def _call(folder: str, wanted: str, job: partial[ResultT]) -> ResultT:
+    """In a worker of a cluster, also one that came late: paths mean what they mean here, if it has the same folders."""
+    if software() != wanted:
+        raise WorkerError(f"--scheduler: a worker has jointest_ros {software()}, but here is {wanted}")
     with suppress(OSError):
         os.chdir(folder)
     return job()

@@ -106,3 +106,11 @@ def test_workers_with_other_software_are_refused(cluster: str, monkeypatch: pyte
     monkeypatch.setattr(jobs, "software", software)
     with pytest.raises(WorkerError, match=rf"has jointest_ros 0\.0\.9 of \d+, but here is 0\.0\.9 of {os.getpid()}"):
         list(jobs.run(WALKS, Workers(scheduler=cluster)))
+
+
+def test_workers_that_come_later_are_refused_as_well(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the software of those before them has been found right."""
+    monkeypatch.setattr(jobs, "_check_software", lambda client, address: None)
+    monkeypatch.setattr(jobs, "software", software)
+    with pytest.raises(WorkerError, match=rf"a worker has jointest_ros .+, but here is 0\.0\.9 of {os.getpid()}"):
+        list(jobs.run(WALKS, Workers(scheduler=cluster)))
