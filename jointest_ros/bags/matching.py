@@ -49,6 +49,16 @@ def match(survey: Survey, robot: Robot, namespace: str) -> tuple[dict[str, Strea
     return streams, findings
 
 
+def match_fields(survey: Survey, robot: Robot, namespace: str) -> dict[str, Stream]:
+    """Readings of the magnetometers by sensor, where there are any; their frame_id is not looked at, as in a node."""
+    fields: dict[str, Stream] = {}
+    for sensor in robot.sensors:
+        own = [s for s in survey.fields if s.topic == absolute_name(sensor.mag_topic, namespace)] if sensor.mag else []
+        if own:
+            fields[sensor.name] = max(own, key=len)
+    return fields
+
+
 def _namespace(survey: Survey, sensors: Sequence[Sensor]) -> str:
     """The one namespace in which all of the relative topics are; "" where there is none."""
     if any(sensor.topic.startswith("/") for sensor in sensors):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from jointest_ros import config
-from jointest_ros.bags.matching import match
+from jointest_ros.bags.matching import match, match_fields
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.survey import Survey, survey
 from jointest_ros.cli.common import Parsers, complain, out, progress, write_json
@@ -70,7 +71,7 @@ def _inspect(seen: Survey, configuration: Configuration | None, namespace: str) 
         for topic, number in seen.undecodable.items()
     ]
     if configuration is None:
-        streams = _by_topic(seen)
+        streams, fields = _by_topic(seen.streams), _by_topic(seen.fields)
         setup = Setup()
         if not streams:
             text = "no sensor_msgs/Imu in the recording"
@@ -78,6 +79,7 @@ def _inspect(seen: Survey, configuration: Configuration | None, namespace: str) 
     else:
         streams, unfit = match(seen, configuration.robot, namespace)
         findings += unfit
+        fields = match_fields(seen, configuration.robot, namespace)
         pcf = configuration.estimators.get("pcf")
         setup = Setup(
             configuration.robot,
@@ -87,17 +89,17 @@ def _inspect(seen: Survey, configuration: Configuration | None, namespace: str) 
             and any(any(joint.origin) for joint in configuration.robot.joints),
         )
     with progress("sensors") as report:
-        inspection = inspect(streams, setup, seen.span, seen.truth, seen.hall, report)
+        inspection = inspect(streams, setup, seen.span, seen.truth, seen.hall, fields, report)
     inspection.findings = findings + inspection.findings
     return inspection
 
 
-def _by_topic(seen: Survey) -> dict[str, Stream]:
+def _by_topic(found: Sequence[Stream]) -> dict[str, Stream]:
     """The streams by topic, and frame id where a topic has several."""
-    topics = [stream.topic for stream in seen.streams]
+    topics = [stream.topic for stream in found]
     return {
         stream.topic if topics.count(stream.topic) == 1 else f"{stream.topic} [{stream.frame_id}]": stream
-        for stream in seen.streams
+        for stream in found
     }
 
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from jointest_ros.core.params import Params, param
 
+GAP = 1.5  # usual intervals: a longer one lacks a sample
+
 
 @dataclass(frozen=True)
 class Timing(Params):
@@ -57,3 +59,15 @@ def rising(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
     """(N,) mask of the stamps (ns) that are newer than all before them."""
     before = np.append(np.iinfo(np.int64).min, np.maximum.accumulate(stamps)[:-1])
     return np.asarray(stamps > before)
+
+
+def jitter(intervals: NDArray[np.float64], usual: float) -> float:
+    """Half of the range that two thirds of the intervals without losses are in; NaN where there are none.
+
+    A few late messages, of which a standard deviation would tell, do not count.
+
+    Args:
+        intervals: (N,) s; `usual`: the one without losses, s.
+    """
+    whole = intervals[intervals <= GAP * usual]
+    return float(np.subtract(*np.quantile(whole, [0.84, 0.16])) / 2.0) if len(whole) else float("nan")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, did_you_mean
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import rotate_inverse
@@ -50,14 +49,13 @@ def hinge_pairs(robot: Robot, chosen: Sequence[str] = ()) -> tuple[list[Pair], l
     names = [joint.name for joint in robot.joints]
     for name in chosen:
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(names) or 'none'}"
+            hint = did_you_mean(name, names, f"known: {', '.join(names) or 'none'}")
             raise ConfigurationError(f"joint '{name}': unknown; {hint}")
     pairs, left_out = [], []
     for joint in robot.ordered_joints:
         if chosen and joint.name not in chosen:
             continue
-        parent, child = (_imu_on(robot, link) for link in (joint.parent, joint.child))
+        parent, child = (imu_on(robot, link) for link in (joint.parent, joint.child))
         if reasons := list(_reasons(joint, parent, child)):
             left_out.append(f"joint '{joint.name}': {reasons[0]}")
         elif parent and child:
@@ -77,6 +75,6 @@ def _reasons(joint: Joint, parent: Sensor | None, child: Sensor | None) -> Itera
             yield f"link '{link}' carries no sensor with gyro and accelerometer; one on either side is needed"
 
 
-def _imu_on(robot: Robot, link: str) -> Sensor | None:
+def imu_on(robot: Robot, link: str) -> Sensor | None:
     """The first sensor that the PCF would take too."""
     return next((sensor for sensor in robot.sensors_on(link) if sensor.gyro and sensor.accel), None)

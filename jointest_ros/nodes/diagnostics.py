@@ -30,6 +30,7 @@ from jointest_ros.nodes.estimate_status import (
     links_at_rest,
     pairs_entry,
     suspicion,
+    unsound_readings,
     yes_no,
 )
 from jointest_ros.nodes.input_status import Input
@@ -92,12 +93,15 @@ class Diagnostics:
         silent = {one.name for one in self._inputs.values() if one.silent}
         inputs = {f"input {one.name}": one.entry(elapsed) for one in self._inputs.values()}
         ratios = self._innovations.take()
-        rest = links_at_rest(estimator, self._intake.assembler.quality.at_rest)
+        quality = self._intake.assembler.quality
+        rest, unsound = links_at_rest(estimator, quality.at_rest), unsound_readings(estimator, quality.findings)
         checks: Callable[[], list[PairCheck]] = getattr(estimator, "pair_checks", list)
         pairs = checks()
         entries: dict[str, Entry] = {"estimator": self._estimator(inputs, ratios, pairs, new, elapsed), **inputs}
         for number, name in enumerate(estimator.joints):
-            entries[f"joint {name}"] = joint_entry(estimator, number, estimate, new, ratios.get(name), rest[number])
+            entries[f"joint {name}"] = joint_entry(
+                estimator, number, estimate, new, ratios.get(name), rest[number], unsound[number]
+            )
         if pairs:
             entries["IMU pairs"] = pairs_entry(pairs, estimate, new)
             self._complain("pairs", verdict(pairs))

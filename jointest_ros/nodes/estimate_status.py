@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,6 +23,7 @@ _WORDS = {
     Status.STALE: "stale: not published",
     Status.DISTURBED: "correction suspended",
 }
+_BY_READINGS = Status.UNOBSERVABLE | Status.DISTURBED  # what unsound readings feign
 NOTHING_YET = _WORDS[Status.STARTING]
 NOTHING_NEW = "no new estimate"
 
@@ -51,7 +52,13 @@ class Innovations:
 
 
 def joint_entry(
-    estimator: Estimator, number: int, estimate: Estimate | None, new: bool, ratio: float | None, rest: bool | None
+    estimator: Estimator,
+    number: int,
+    estimate: Estimate | None,
+    new: bool,
+    ratio: float | None,
+    rest: bool | None,
+    unsound: Sequence[str] = (),
 ) -> Entry:
     """One joint.
 
@@ -60,17 +67,19 @@ def joint_entry(
         estimate: the newest one; `new`: since the report before.
         ratio: of its innovations to the noise model.
         rest: its links are at rest; None: not known.
+        unsound: what is wrong with the readings of its sensors; that is then the reason of what they feign.
     """
     if estimate is None:
-        return DiagnosticStatus.STALE, NOTHING_YET, {}
+        return DiagnosticStatus.STALE, "; ".join([NOTHING_YET, *unsound]), {}
     flags = Status(estimate.status[number])
-    words = [text for flag, text in _WORDS.items() if flags & flag]
+    told = flags & ~_BY_READINGS if unsound else flags
+    words = [text for flag, text in _WORDS.items() if told & flag] + list(unsound)
     deviation = math.degrees(math.sqrt(estimate.variance[number]))
-    if ratio is not None and ratio > estimator.innovation_limit:
+    if ratio is not None and ratio > estimator.innovation_limit and not unsound:
         words.append(f"innovations {ratio:.1f} times larger than the noise model")
     level = DiagnosticStatus.WARN if words else DiagnosticStatus.OK
     if not new:
-        level, words = DiagnosticStatus.STALE, [NOTHING_NEW]
+        level, words = DiagnosticStatus.STALE, [NOTHING_NEW, *unsound]
     values = {
         "standard deviation (deg)": f"{deviation:.3f}",
         "innovations / noise model": "" if ratio is None else f"{ratio:.2f}",
@@ -144,6 +153,16 @@ def links_at_rest(estimator: Estimator, at_rest: Mapping[str, bool]) -> list[boo
         rest = None if not all(told) else all(all(one) for one in told)
         found |= dict.fromkeys(joint.coordinates, rest)
     return [found.get(name) for name in estimator.joints]
+
+
+def unsound_readings(estimator: Estimator, findings: Callable[[str], Iterable[str]]) -> list[list[str]]:
+    """What is wrong with the readings of the sensors on both links of each joint; `findings`: by sensor."""
+    found: dict[str, list[str]] = {}
+    for joint in estimator.robot.joints:
+        sensors = [s.name for link in (joint.parent, joint.child) for s in estimator.robot.sensors_on(link)]
+        texts = [text for sensor in sensors for text in findings(sensor)]
+        found |= {name: texts for name in joint.coordinates}
+    return [found.get(name, []) for name in estimator.joints]
 
 
 def yes_no(value: bool) -> str:

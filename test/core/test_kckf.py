@@ -327,16 +327,6 @@ def test_innovations_are_white_and_normalised(made: exoshell.ExoshellRecording) 
         assert (innovations**2).sum(axis=1).mean() == pytest.approx(8.0, rel=0.1)
 
 
-def test_torso_covariance_is_that_of_the_sum_for_coaxial_joints() -> None:
-    made = exoshell.simulate("monte-carlo", duration_s=5.0)
-    for params in (KckfParams(), KckfParams(kinematics="additive")):
-        estimator = Kckf(made.robot, params)
-        estimator.run(made.recording)
-        expected = np.zeros((3, 3))
-        expected[0, 0] = estimator.covariance().sum()
-        assert estimator.torso_covariance() == pytest.approx(expected, abs=1e-15)
-
-
 def test_neighbours_that_share_a_gyro_are_correlated() -> None:
     made = exoshell.simulate("monte-carlo", duration_s=20.0)
     estimator = Kckf(made.robot)
@@ -348,7 +338,7 @@ def test_neighbours_that_share_a_gyro_are_correlated() -> None:
     assert alone.covariance() == pytest.approx(np.diag(np.diag(alone.covariance())), abs=0.0)
 
 
-def test_biases_are_found_and_named(made: exoshell.ExoshellRecording) -> None:
+def test_biases_are_found_and_named() -> None:
     long = exoshell.simulate("composed-free", duration_s=60.0, seed=2)
     axis = (0, 1, 0, 1)
     truth = [

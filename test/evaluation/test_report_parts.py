@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jointest_ros.core.frame import Recording
+from jointest_ros.evaluation.inspection.stream import Stream
 from jointest_ros.evaluation.panels import Curve, Panel
 from jointest_ros.evaluation.report import figures
 from jointest_ros.evaluation.report.inputs import HALL, deliveries
@@ -124,6 +125,15 @@ def test_rate_gaps_and_loss_of_a_sensor() -> None:
     assert imu.jitter_s == pytest.approx(0.0, abs=1e-12)
     assert found[HALL].rate_hz == pytest.approx(50.0)
     assert found[HALL].gaps == 0
+
+
+def test_jitter_is_that_of_the_inspection() -> None:
+    shaken = np.cumsum(10_000_000 + np.random.default_rng(3).normal(0.0, 300_000.0, 2000)).astype(np.int64)
+    shaken[1000:] += 40_000_000  # a loss, which is none
+    values = np.zeros((2000, 3))
+    found = deliveries(Recording(shaken, {"imu": values}, {"imu": values}))["imu"].jitter_s
+    assert found == Stream("/imu", "imu", shaken, shaken, values, values).jitter
+    assert found == pytest.approx(3e-4, rel=0.1)  # of white jitter it is the standard deviation
 
 
 def test_a_sensor_of_no_or_one_sample_and_a_clock_that_was_set_back() -> None:

@@ -44,6 +44,11 @@ def test_units_and_saturation_are_in_the_diagnostics(
     report = reports.until(lambda report: "in g" in report[names["middle"]].message)
     assert report[names["middle"]].level == DiagnosticStatus.WARN
     assert report[names["middle"]].message == "middle reads 1.00 at rest: is it in g instead of m/s^2?"
+    for joint in ("finger_pip", "finger_dip"):  # on either side of it: not gravity, not the noise model
+        text = report[f"joint {joint}"].message
+        assert text.endswith("middle reads 1.00 at rest: is it in g instead of m/s^2?")
+        assert not any(word in text for word in ("axis near gravity", "suspended", "noise model"))
+    assert "middle reads" not in report["joint finger_mcp"].message
     (warning,) = bench.until(lambda: [log.msg for log in logs if "in g" in log.msg], "a warning")
     assert warning == f"{bench.namespace}/{VICTIM}: middle reads 1.00 at rest: is it in g instead of m/s^2?"
 

@@ -18,7 +18,6 @@ from jointest_ros.core.kckf.linkage_rates import GyroDifferences, LinkRates
 from jointest_ros.core.learned import Learned, fingerprint
 from jointest_ros.core.params import Params
 from jointest_ros.core.robot import Robot
-from jointest_ros.core.rotation import rotate
 from jointest_ros.core.saturated_gyros import SaturatedGyros
 from jointest_ros.core.timing import Timing
 from jointest_ros.core.torso import GyroTorso, TorsoChain, torso_of, torsos_of
@@ -257,15 +256,6 @@ class LinkageEstimator(Estimator):
     def covariance(self) -> FloatArray:
         """Covariance of the latest joint positions, (m, m), rad^2."""
         return self._bank.covariance()
-
-    def torso_covariance(self) -> FloatArray:
-        """Covariance (3, 3), rad^2, of a small turn of the torso, first link's frame: 1^T P 1 for coaxial joints."""
-        axes = np.array(self.linkage.axes).T
-        if self._composed:
-            for column, axis in enumerate(self.linkage.axes):
-                _, before = torso_of(self.linkage.axes[:column], self._bank.angles[:column], composed=True)
-                axes[:, column] = rotate(before, axis)
-        return np.asarray(axes @ self._bank.covariance() @ axes.T)
 
     def biases(self) -> dict[str, float]:
         """Latest biases: `<coordinate>.gyro` or `<sensor>.x`, `.y`, `.z` in rad/s, `<coordinate>.hall_1` in V."""

@@ -14,7 +14,7 @@ from jointest_ros.core.frame import FloatArray, Vec3
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.rotation import rotate
 from jointest_ros.evaluation.inertial_windows import StillPhase, WindowMeans
-from jointest_ros.evaluation.inspection import against_truth, arrays, bodies, hall, hinge_gravity, hinges
+from jointest_ros.evaluation.inspection import against_truth, arrays, bodies, hall, hinge_gravity, hinges, two_axes
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
 from jointest_ros.evaluation.inspection.grid import Phase, rate_time, rows_of
 from jointest_ros.evaluation.inspection.sensors import SensorReport
@@ -146,6 +146,11 @@ class Joints:
                 yield from self._gravity(motion, all(finding.level == OK for finding in mine))
         if self._truth.position:
             yield from against_truth.truth_findings(sound, self._truth, *self._when, self._takes_zero)
+        means = replace(self._means, gyro={name: self._means.gyro[name] for name in self._gyros()})
+        yield from two_axes.two_axis_findings(self._robot, means, self._biases)
+        if self._takes_zero and self._start is not None:
+            for pair in two_axes.pairs(self._robot, means.given):
+                yield from self._zero_findings(pair, self._start)
         yield from self._upright()
         yield from self._others()
         yield from self._left_out()
@@ -229,8 +234,8 @@ class Joints:
             text = "its sensors gave too little at the same time: not judged"
             yield Finding(LOOK, name, "unjudged", text, "record for longer")
         for joint in self._robot.joints:
-            if len(joint.axes) > 1 and joint.parent != self._robot.world:
-                text = "joints of two and three axes are not judged"
+            if len(joint.axes) > 2 and joint.parent != self._robot.world:
+                text = "a joint of three axes can turn in any way: no motion contradicts its axes and mountings"
                 yield Finding(LOOK, joint.name, "unjudged", text, "compare its angles in poses that you know")
 
     def _others(self) -> Iterator[Finding]:

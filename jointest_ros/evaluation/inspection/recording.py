@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.core.timing import Timing
@@ -21,6 +22,7 @@ from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Advice,
 from jointest_ros.evaluation.inspection.grid import common_phases
 from jointest_ros.evaluation.inspection.hinges import STILL
 from jointest_ros.evaluation.inspection.joints import JointReport, Joints, biases, with_still
+from jointest_ros.evaluation.inspection.magnetometers import field_findings
 from jointest_ros.evaluation.inspection.sensors import (
     SHORTEST_STILL,
     SensorReport,
@@ -72,16 +74,22 @@ def inspect(
     span: tuple[int, int],
     truth: Truth,
     voltages: Voltages | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    fields: Mapping[str, Stream] | None = None,
+    progress: Progress = no_progress,
 ) -> Inspection:
     """Inspect the streams by sensor; without a robot in `setup`, each by itself.
 
     Args:
         span: record times of the first and of the last message of the recording, ns.
         voltages: of the Hall sensors.
+        fields: of the magnetometers, see `field_findings`.
     """
     done = Inspection()
     _look_at_sensors(done, streams, setup, span, progress)
+    spoiled = {f.subject for f in done.findings if f.level == WRONG and f.kind in _SPOILS}
+    usable = {report.name: report for report in done.sensors if report.name not in spoiled}
+    gyros = {name: report for name, report in usable.items() if report.gyro}
+    done.findings += field_findings(fields or {}, gyros)
     if not done.sensors:
         return done
     phases = common_phases({r.name: r.phases for r in done.sensors if r.gyro}, SHORTEST_STILL)
@@ -94,8 +102,6 @@ def inspect(
         done.findings.append(Finding(LOOK, "recording", "motion", text, "move every joint in another one"))
     if setup.robot is None:
         return done
-    spoiled = {f.subject for f in done.findings if f.level == WRONG and f.kind in _SPOILS}
-    usable = {report.name: report for report in done.sensors if report.name not in spoiled}
     means = means_of(done.sensors)
     takes_zero = setup.pcf is not None and setup.pcf.zero_at_start and done.still_start >= setup.pcf.still_start
     cone = math.radians((setup.pcf or PcfParams()).gravity_cone_deg)
@@ -118,7 +124,7 @@ def _look_at_sensors(
     streams: Mapping[str, Stream],
     setup: Setup,
     span: tuple[int, int],
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> None:
     """Everything about single sensors."""
     configured = {} if setup.robot is None else {sensor.name: sensor for sensor in setup.robot.sensors}

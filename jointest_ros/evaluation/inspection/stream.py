@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray, Recording
-from jointest_ros.core.timing import Timing, rising
+from jointest_ros.core.timing import GAP, Timing, jitter, rising
 from jointest_ros.evaluation.inspection.findings import LOOK, WRONG, Finding, at
 
-_MISSING = 1.5  # periods: a longer interval has lost samples
 _LOST = 0.01  # share of samples, worth a word
 _SEVERE = 0.2  # share: estimates suffer
 _JITTER = 0.2  # share of the period
@@ -62,9 +61,8 @@ class Stream:
 
     @cached_property
     def jitter(self) -> float:
-        """Half of the range that two thirds of the intervals without losses are in, s."""
-        whole = self.intervals[self.intervals < _MISSING * self.period]
-        return float(np.subtract(*np.quantile(whole, [0.84, 0.16])) / 2.0) if len(whole) else math.nan
+        """Of the intervals without losses, s; see `jitter`."""
+        return jitter(self.intervals, self.period)
 
     def sound(self, gyro: bool, accel: bool) -> Stream:
         """Only the messages with rising stamps and finite values in the fields that are in use."""
@@ -138,7 +136,7 @@ def _order(stream: Stream, subject: str) -> Iterator[Finding]:
 
 def _gaps(stream: Stream, subject: str, timing: Timing, span: tuple[int, int]) -> Iterator[Finding]:
     times = stream.stamps[stream.rising]
-    longest = max(timing.max_gap, _MISSING * stream.period)  # that is no gap
+    longest = max(timing.max_gap, GAP * stream.period)  # that is no gap
     long = np.flatnonzero(stream.intervals > longest)
     if len(long):
         worst = int(long[np.argmax(stream.intervals[long])])

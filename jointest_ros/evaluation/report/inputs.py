@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray, Recording
+from jointest_ros.core.timing import GAP, jitter
 
 HALL = "hall voltages"
-GAP = 1.5  # median intervals: a longer one lacks a sample
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Delivery:
     Attributes:
         stamps: (N,) ns, of these frames.
         rate_hz: by the median interval; NaN of fewer than two.
-        jitter_s: standard deviation of the intervals that are no gap.
+        jitter_s: see `core.timing.jitter`.
         gaps: number of intervals longer than `GAP` median ones.
         longest_s: longest interval.
         missing: share of the samples that a steady stream would have, and this one has not.
@@ -61,7 +61,7 @@ def _delivery(stamps: NDArray[np.int64]) -> Delivery:
     return Delivery(
         stamps,
         1.0 / usual,
-        float(np.std(steps[~longer])),
+        jitter(steps, usual),
         int(longer.sum()),
         float(steps.max()),
         lacking / (lacking + len(stamps)),
