@@ -18,6 +18,7 @@ from jointest_ros.bags.cdr import (
 )
 from jointest_ros.bags.errors import CdrError
 from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.typestore import decoded
 from jointest_ros.evaluation.truth import Truth
 
 TRUTH_JOINTS = "ground_truth/joint_states"
@@ -46,7 +47,7 @@ class TruthReader:
 
     def _joint_state(self, data: bytes, _time: int) -> None:
         try:
-            stamp, names, position, velocity = decode_joint_state(data)
+            stamp, names, position, velocity = decoded(decode_joint_state, data, JOINT_STATE)
         except CdrError:
             self.refused += 1
             return
@@ -73,13 +74,13 @@ class TruthReader:
     def _movement_at(self, data: bytes, time: int) -> None:
         """The message has no stamp: its record time stands for it."""
         try:
-            self._movement.append((time, decode_bool(data)))
+            self._movement.append((time, decoded(decode_bool, data, BOOL)))
         except CdrError:
             self.refused += 1
 
     def _orientation_of(self, data: bytes, _time: int) -> None:
         try:
-            stamp, sensor, quaternion = decode_quaternion_stamped(data)
+            stamp, sensor, quaternion = decoded(decode_quaternion_stamped, data, QUATERNION_STAMPED)
         except CdrError:
             self.refused += 1
             return

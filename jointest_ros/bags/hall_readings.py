@@ -14,12 +14,13 @@ from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, JOINT_STATE, decode_float3
 from jointest_ros.bags.errors import BagError, CdrError
 from jointest_ros.bags.intake import HALL_TOPIC, Intake
 from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.typestore import decoded
+from jointest_ros.bags.usage import unusual, used_text
 from jointest_ros.core.frame import FloatArray, Frame
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.timing import Timing, rising
 from jointest_ros.evaluation.truth import Truth
-
-_USUAL = 0.9  # share of the Hall messages that are used when all is well
 
 
 @dataclass
@@ -51,7 +52,7 @@ def read_hall(
     robot: Robot,
     timing: Timing,
     namespace: str = "",
-    progress: offline.Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> HallReadings:
     """Read them from an open recording.
 
@@ -71,12 +72,11 @@ def read_hall(
 
     outcome = offline.read_frames(reader, Intake(robot, timing), collect, namespace, progress)
     counts = outcome.inputs[topic]
-    used = f"{reader.path}: {topic}: {counts['used']} of {counts['messages']} messages used"
-    used += "".join(f", {n} {cause}" for cause, n in counts["refused"].items())
+    used = f"{reader.path}: {topic}: {used_text(counts)}"
     if not outcome.frames:
         outcome.warnings = [f"{reader.path}: no IMU message to give the voltages a stamp; their record times are used"]
         _by_record_time(reader, topic, len(robot.hall), stamps, volts)
-    elif counts["used"] < _USUAL * counts["messages"]:
+    elif unusual(counts):
         outcome.warnings.append(used)
     if not stamps:
         raise BagError(used)
@@ -95,7 +95,7 @@ def _by_record_time(reader: BagReader, topic: str, width: int, stamps: array[int
     with suppress(BagError):  # a damage: the first pass has told it
         for _, time, data in reader.messages((topic,)):
             with suppress(CdrError):
-                voltages = decode_float32_multiarray(data)[0]
+                voltages = decoded(decode_float32_multiarray, data, FLOAT32_MULTIARRAY)[0]
                 if len(voltages) == width:
                     stamps.append(time)
                     volts.extend(voltages)
