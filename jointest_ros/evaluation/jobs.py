@@ -20,11 +20,11 @@ from threading import Thread
 from typing import Any, TypeVar
 
 from jointest_ros.core.errors import JointestError
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.evaluation.kept_results import KeptResults, name, software
 
 ResultT = TypeVar("ResultT")
 Outcomes = Generator[tuple[int, Any], None, None]  # number of a job, and its result or exception; in any order
-Progress = Callable[[int, int], None]  # jobs done, jobs in all
 
 _DEATHS = 3  # pools that may break one after the other without a result
 _ANSWER_S = 10  # for a scheduler
@@ -63,7 +63,7 @@ HERE = Workers(1)
 def run(
     jobs: Sequence[partial[ResultT]],
     workers: Workers = HERE,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = no_progress,
     key: Callable[[partial[ResultT]], str] = name,
     valid: Callable[[partial[ResultT], ResultT], bool] = lambda job, result: True,
 ) -> Iterator[ResultT]:
@@ -210,6 +210,7 @@ def _cluster(address: str) -> Iterator[Executor]:
     for part in ("distributed", "distributed.client"):  # what they would print as tracebacks is told by WorkerError
         logging.getLogger(part).setLevel(logging.CRITICAL)
     try:
+        dask.comm.get_address_host_port(address)  # a client with a wrong one complains when it ends
         client = dask.Client(address, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         why = str(error).partition("\n")[0] or "no answer"

@@ -96,10 +96,11 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
         list(jobs.run(WALKS, Workers(1, kept=file)))
 
 
-def test_no_scheduler_there() -> None:
+@pytest.mark.parametrize("address", ["nonsense://1", "foo", "foo:bar"])
+def test_no_scheduler_there(address: str) -> None:
     pytest.importorskip("distributed")
-    with pytest.raises(WorkerError, match="no Dask scheduler at 'nonsense://1'"):
-        list(jobs.run(WALKS, Workers(scheduler="nonsense://1")))
+    with pytest.raises(WorkerError, match=f"no Dask scheduler at '{address}': .+"):
+        list(jobs.run(WALKS, Workers(scheduler=address)))
 
 
 def test_workers_with_other_software_are_refused(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
