@@ -84,7 +84,8 @@ def add_parser(commands: Parsers[Any]) -> None:
         "--fail-worse",
         type=float,
         metavar="PERCENT",
-        help=f"with --against: end with code {WORSE} when an rms error is worse by more than so much, or is gone",
+        help=f"with --against: end with code {WORSE} when an rms error is worse by more than so much, or is gone, "
+        "with 2 when OLD has none to compare with",
     )
     add_workers(parser)
     parser.set_defaults(run=run)
@@ -108,6 +109,13 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(arguments.json, documents if several else documents[0])
     if arguments.report and several:
         output.write_index(arguments.report, finished, tasks[0].options.origin, output.unique_names(arguments.bags))
+    if (
+        arguments.fail_worse is not None
+        and not code
+        and not any(done.changes and done.changes.known for done in finished)
+    ):
+        complain("evaluate", f"--fail-worse: {arguments.against} has no rms error of these recordings and estimators")
+        code = 2
     worse = [row for done in finished if done.changes for row in done.changes.worse]
     if arguments.fail_worse is not None and worse and not code:
         complain("evaluate", f"--fail-worse: {len(worse)} rms errors are worse than in {arguments.against}")
@@ -156,7 +164,7 @@ def _tasks(arguments: argparse.Namespace) -> tuple[list[Task], int]:
         if several and report is not None:
             report = report / name
         then = changes.earlier(earlier, str(bag), only=not several)
-        if earlier and then is None:
+        if arguments.against is not None and then is None:
             warn(f"{bag}: not in {arguments.against}")
         tasks.append(Task(bag, options, picture, report, then))
     return tasks, imus

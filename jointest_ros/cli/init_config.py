@@ -7,6 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,25 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError("--imu: names links of a URDF; give --urdf FILE")
     if arguments.topic and arguments.from_bag:
         raise ConfigurationError("--topic and --from-bag: give one of them; the recording has its topics")
-    notes: list[str] = []
-    asked = arguments.urdf is None and not arguments.joints
-    if asked:
+    if arguments.urdf is None and not arguments.joints:
         _ask(arguments)
-    if arguments.urdf is not None:
-        made = _from_urdf(load_urdf(arguments.urdf, arguments.imu), arguments, notes)
-    else:
-        joints = [parse_joint(text) for text in arguments.joints]
-        notes += second_roots(joints)
-        made = draft(arguments.name or output.stem, joints, arguments.sensors)
-    if arguments.topic:
-        made = with_topics(made, arguments.topic)
-    if arguments.from_bag is not None:
-        with BagReader(arguments.from_bag) as reader, progress(f"read {arguments.from_bag}") as report:
-            sources = imu_sources(reader, report)
-        if not sources:
-            raise ConfigurationError(f"--from-bag: {arguments.from_bag} has no topic of sensor_msgs/Imu")
-        made, unplaced = with_sources(made, sources)
-        notes += unplaced
+    made, notes = _made(arguments)
     for name in made.estimators:
         ESTIMATORS[name](made.robot)  # what does not suit it is told before anything is written
     calibration = output.with_name(f"{output.stem}_calibration.yaml")
@@ -114,16 +99,44 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _made(arguments: argparse.Namespace) -> tuple[Draft, list[str]]:
+    """What the arguments describe, and what a user should know of it, one line each."""
+    notes: list[str] = []
+    if arguments.urdf is not None:
+        urdf = load_urdf(arguments.urdf, arguments.imu)
+        made = replace(_from_urdf(urdf, arguments, notes), mimics=urdf.mimics)
+    else:
+        joints = [parse_joint(text) for text in arguments.joints]
+        notes += second_roots(joints)
+        made = draft(arguments.name or arguments.output.stem, joints, arguments.sensors)
+    if arguments.topic:
+        made = with_topics(made, arguments.topic)
+    if arguments.from_bag is not None:
+        with BagReader(arguments.from_bag) as reader, progress(f"read {arguments.from_bag}") as report:
+            sources = imu_sources(reader, report)
+        if not sources:
+            raise ConfigurationError(f"--from-bag: {arguments.from_bag} has no topic of sensor_msgs/Imu")
+        made, unplaced = with_sources(made, sources)
+        notes += unplaced
+    return made, notes
+
+
 def _from_urdf(urdf: UrdfRobot, arguments: argparse.Namespace, notes: list[str]) -> Draft:
     notes += urdf.warnings
     if not urdf.joints:
         raise ConfigurationError(f"{arguments.urdf}: no joint that turns")
+    jointed = [link for link in urdf.links if link in links_of(urdf.joints)]
+    notes += [
+        f"IMU '{one.name}' is on no link of a joint that turns: left out"
+        for one in urdf.sensors
+        if one.link not in jointed
+    ]
     made = draft(
         arguments.name or urdf.name,
         urdf.joints,
         arguments.sensors,
-        [link for link in urdf.links if link in links_of(urdf.joints)],
-        urdf.sensors,
+        jointed,
+        [sensor for sensor in urdf.sensors if sensor.link in jointed],
         urdf.world,
         places_known=True,
     )

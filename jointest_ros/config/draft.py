@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from jointest_ros.config.template import Draft
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, did_you_mean
 from jointest_ros.core.frame import Vec3
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.robot import Joint, Robot, Sensor
@@ -68,9 +68,10 @@ def _axis(letter: str) -> Vec3:
 
 def _numbers(text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
         return []
+    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def links_of(joints: Sequence[Joint]) -> tuple[str, ...]:
@@ -84,8 +85,7 @@ def second_roots(joints: Sequence[Joint]) -> Iterator[str]:
     links = links_of(joints)
     first, *others = [link for link in links if link not in moved] or [""]
     for link in others:
-        near = difflib.get_close_matches(link, [other for other in links if other != link], 1)
-        hint = f"did you mean '{near[0]}'?" if near else f"its tree is apart from that of '{first}'"
+        hint = did_you_mean(link, [one for one in links if one != link], f"its tree is apart from that of '{first}'")
         yield f"'{link}' is a second root, no joint moves it; {hint}"
 
 
@@ -119,8 +119,11 @@ def draft(
         sensors = tuple(_arrays(joints, bearing))
     else:
         lacking = [link for link in bearing if link not in {sensor.link for sensor in sensors}]
-        sensors = (*sensors, *(Sensor(link, link) for link in lacking))
-        measure |= {f"sensors.{link}.position" for link in lacking}
+        sensors = (
+            *(replace(sensor, name=_word(sensor.name), topic="", mag_topic="") for sensor in sensors),
+            *(Sensor(_word(link), link) for link in lacking),
+        )
+        measure |= {f"sensors.{_word(link)}.position" for link in lacking}
     if kind == "gyro+hall":
         sensors = tuple(replace(sensor, accel=False) for sensor in sensors)
         coordinates = [coordinate for joint in joints for coordinate in joint.coordinates]
@@ -141,7 +144,13 @@ def _arrays(joints: Sequence[Joint], links: Sequence[str]) -> Iterator[Sensor]:
             end = (_SPREAD, 0.0, 0.0) if abs(axis[0]) < 0.5 else (0.0, _SPREAD, 0.0)
         for number, share in ((1, 0.1), (2, 0.9)):
             x, y, z = (share * component for component in end)
-            yield Sensor(f"{link}_{number}", link, (x, y, z), gyro=False)
+            yield Sensor(f"{_word(link)}_{number}", link, (x, y, z), gyro=False)
+
+
+def _word(name: str) -> str:
+    """The name of a link as a topic can have it: upper_arm for "upper arm"."""
+    word = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return f"_{word}" if word[:1].isdigit() else word
 
 
 def with_topics(draft: Draft, pattern: str) -> Draft:
@@ -153,7 +162,7 @@ def with_topics(draft: Draft, pattern: str) -> Draft:
     sensors = tuple(
         replace(
             sensor,
-            topic=pattern.replace("{sensor}", sensor.name).replace("{link}", sensor.link),
+            topic=pattern.replace("{sensor}", sensor.name).replace("{link}", _word(sensor.link)),
             frame_id=sensor.name if shared and len(draft.robot.sensors) > 1 else "",
         )
         for sensor in draft.robot.sensors

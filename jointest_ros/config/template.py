@@ -35,11 +35,13 @@ class Draft:
         robot: links, joints, sensors, Hall sensors.
         estimators: name -> parameters that differ from their defaults.
         measure: "sensors.<name>.position", "joints.<name>.origin": values that nobody has measured yet.
+        mimics: joint coordinate -> the angle that it has by a <mimic> of the URDF, in words.
     """
 
     robot: Robot
     estimators: Mapping[str, Mapping[str, Any]]
     measure: frozenset[str] = field(default_factory=frozenset)
+    mimics: Mapping[str, str] = field(default_factory=dict)
 
 
 def template(draft: Draft, heading: str, calibration_file: str) -> str:
@@ -57,7 +59,10 @@ def template(draft: Draft, heading: str, calibration_file: str) -> str:
     if robot.joints:
         lines += _comment(TREE, "  ")
         lines += [line for key in _joint_keys(robot) for line in _comment(f"{key}: {KEYS[key]}", "  ")]
-        lines += ["  joints:", *(_joint(joint, draft) for joint in robot.joints)]
+        lines += [
+            "  joints:",
+            *(line for joint in robot.joints for line in (*_mimicking(joint, draft), _joint(joint, draft))),
+        ]
     lines += ["", *_comment("The same for every sensor below unless it says otherwise; figures of the data sheet.")]
     lines += ["sensor_defaults:", *_sensor_defaults(robot)]
     lines += ["", *(line for key in _sensor_keys(robot) for line in _comment(f"{key}: {KEYS[key]}"))]
@@ -80,6 +85,16 @@ def _joint_keys(robot: Robot) -> Iterator[str]:
     yield from ("axis", "origin", "limits_deg")
     if any(joint.continuous for joint in robot.joints):
         yield "continuous"
+
+
+def _mimicking(joint: Joint, draft: Draft) -> Iterator[str]:
+    for name in joint.coordinates:
+        if name in draft.mimics:
+            yield from _comment(
+                f"{name} mimics another in the URDF ({draft.mimics[name]}). That is not used here: it is estimated "
+                f"like the others, from the sensors on its links. Without one on '{joint.child}', take it out.",
+                "    ",
+            )
 
 
 def _joint(joint: Joint, draft: Draft) -> str:

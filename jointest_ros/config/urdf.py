@@ -21,6 +21,9 @@ from jointest_ros.core.robot import Joint, Sensor
 from jointest_ros.core.rotation import IDENTITY, dot, from_rpy, multiply, norm, rotate, unit
 
 _TURNING = ("revolute", "continuous")
+_FREE = ("floating", "planar")
+_TYPES = (*_TURNING, *_FREE, "prismatic", "fixed")
+_TWO_TURNS = 4.0 * math.pi
 _WORLD = "world"
 _CONTAINED = ("visual", "collision", "inertial")
 
@@ -33,6 +36,7 @@ class UrdfRobot:
         links: of the configuration, the root first; `world`: its root, where that stands still, or "".
         sensors: IMUs; one for each frame or link that bears one.
         folded: link -> links that are fixed to it.
+        mimics: joint -> the angle that it has by a <mimic>, in words.
         warnings: what could not be taken over, one line each.
     """
 
@@ -42,6 +46,7 @@ class UrdfRobot:
     sensors: tuple[Sensor, ...]
     world: str = ""
     folded: dict[str, list[str]] = field(default_factory=dict)
+    mimics: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
 
@@ -57,6 +62,7 @@ class _Edge:
     turn: Quat
     axis: Vec3
     limits: tuple[float, float] | None
+    mimics: str
 
 
 @dataclass
@@ -93,10 +99,15 @@ def _parse(text: str, imus: Collection[str]) -> UrdfRobot:
         raise ConfigurationError(f"no valid XML: {error}") from None
     if root.tag != "robot":
         raise ConfigurationError(f"no URDF: its first element is <{root.tag}>, not <robot>")
-    if "xacro" in text and re.search(r"<xacro:|\$\{", text):
+    if any(
+        "xacro" in one.tag.partition("}")[0] or any("${" in text for text in one.attrib.values()) for one in root.iter()
+    ):
         raise ConfigurationError("it is a xacro file; make the URDF first: xacro FILE > robot.urdf")
     links = [_name(link, "link") for link in root.iter("link") if link in list(root)]
     edges = [_edge(joint) for joint in root.findall("joint")]
+    for what, names in (("link", links), ("joint", [edge.name for edge in edges])):
+        if repeated := [name for name in names if names.count(name) > 1]:
+            raise ConfigurationError(f"{what} '{repeated[0]}' is given twice; names must differ")
     for edge in edges:
         for name in (edge.parent, edge.child):
             if name not in links:
@@ -129,11 +140,11 @@ def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bar
     below = {edge.child for edge in edges}
     roots = [link for link in links if link not in below]
     if not roots:
-        raise ConfigurationError("its joints form a loop")
+        raise ConfigurationError("its joints form a loop" if links else "it has no links")
     places: dict[str, _Place] = {}
     joints: list[Joint] = []
     folded: dict[str, list[str]] = {}
-    warnings: list[str] = []
+    warnings = list(_doubts(edges, roots))
     waiting = [(root, _Place(root)) for root in reversed(roots)]
     while waiting:
         link, place = waiting.pop()
@@ -147,14 +158,14 @@ def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bar
             at = (place.at[0] + offset[0], place.at[1] + offset[1], place.at[2] + offset[2])
             turn = multiply(place.turn, edge.turn)
             if edge.kind in _TURNING:
-                limits = None if edge.limits is None else (edge.limits,)
+                limits = (edge.limits,) if edge.limits is not None and edge.limits[0] < edge.limits[1] else None
                 axis = _tidy(rotate(turn, edge.axis))
                 continuous = edge.kind == "continuous"
                 joints.append(Joint(edge.name, place.link, edge.child, (axis,), limits, continuous, _tidy(at)))
                 waiting.append((edge.child, _Place(edge.child, turn=turn)))
                 continue
-            if edge.kind == "floating":
-                warnings.append(f"joint '{edge.name}' is floating: '{edge.child}' begins a tree of its own")
+            if edge.kind in _FREE:
+                warnings.append(f"joint '{edge.name}' is {edge.kind}: '{edge.child}' begins a tree of its own")
                 waiting.append((edge.child, _Place(edge.child)))
                 continue
             if edge.kind != "fixed":
@@ -170,7 +181,27 @@ def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bar
     sensors = tuple(Sensor(imu, places[imu].link, _tidy(places[imu].at), places[imu].turn) for imu in imus)
     kept = [link for link in dict.fromkeys(place.link for place in places.values()) if link not in merged]
     world = _WORLD if roots[0] == _WORLD and _WORLD not in bearing else ""
-    return UrdfRobot(name, tuple(kept), tuple(joints), sensors, world, folded, warnings)
+    mimics = {edge.name: edge.mimics for edge in edges if edge.mimics and edge.kind in _TURNING}
+    return UrdfRobot(name, tuple(kept), tuple(joints), sensors, world, folded, mimics, warnings)
+
+
+def _doubts(edges: list[_Edge], roots: list[str]) -> Iterator[str]:
+    """What may not be as it was meant, one line each."""
+    for root in roots[1:]:
+        yield f"link '{root}' is a second root: no joint moves it"
+    for edge in edges:
+        if edge.mimics and edge.kind in _TURNING:
+            yield (
+                f"joint '{edge.name}' mimics one ({edge.mimics}): that is not used, it is estimated like the others; "
+                f"without a sensor on '{edge.child}' take it out"
+            )
+        if edge.limits is None:
+            continue
+        low, high = edge.limits
+        if low > high:
+            yield f"joint '{edge.name}': limits {low:g} to {high:g} rad are in the wrong order; left out"
+        elif max(-low, high) > _TWO_TURNS:
+            yield f"joint '{edge.name}': limits {low:g} to {high:g} rad are more than two turns; are they in deg?"
 
 
 def _merged(
@@ -214,6 +245,8 @@ def _limits(chain: list[Joint]) -> tuple[tuple[float, float], ...] | None:
 def _edge(joint: xml.Element) -> _Edge:
     name, kind = _name(joint, "joint"), joint.get("type", "")
     where = f"joint '{name}'"
+    if kind not in _TYPES:
+        raise ConfigurationError(f"{where}: type '{kind}' is not allowed; give one of {', '.join(_TYPES)}")
     parent, child = (_attribute(joint, tag, "link", where) for tag in ("parent", "child"))
     origin, axis, limit = joint.find("origin"), joint.find("axis"), joint.find("limit")
     at = _numbers(origin, "xyz", where, (0.0, 0.0, 0.0))
@@ -224,8 +257,22 @@ def _edge(joint: xml.Element) -> _Edge:
     limits = None
     if limit is not None and kind == "revolute":
         low, high = (_number(limit.get(key, "0"), f"{where}: limit") for key in ("lower", "upper"))
-        limits = (low, high) if low < high else None
-    return _Edge(name, kind, parent, child, at, turn, unit(direction) if norm(direction) else direction, limits)
+        limits = (low, high) if low != high else None
+    direction = unit(direction) if norm(direction) else direction
+    return _Edge(name, kind, parent, child, at, turn, direction, limits, _mimicked(joint, where))
+
+
+def _mimicked(joint: xml.Element, where: str) -> str:
+    """The angle that a <mimic> gives a joint, such as 0.5 knee + 0.1 rad; "": it has none."""
+    mimic = joint.find("mimic")
+    if mimic is None:
+        return ""
+    master = _attribute(joint, "mimic", "joint", where)
+    multiplier, offset = (
+        _number(mimic.get(key, usual), f"{where}: mimic {key}") for key, usual in (("multiplier", "1"), ("offset", "0"))
+    )
+    scaled = master if multiplier == 1.0 else f"{multiplier:g} {master}"
+    return f"{scaled} {'-' if offset < 0 else '+'} {abs(offset):g} rad" if offset else scaled
 
 
 def _name(element: xml.Element, what: str) -> str:

@@ -37,7 +37,7 @@ def read_file(path: Path, what: str) -> str | None:
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read as a {what}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise ConfigurationError(f"{path}: no valid YAML: not a text in UTF-8") from None
+        raise ConfigurationError(f"{path}: cannot be read as a {what}: it is not a text in UTF-8") from None
 
 
 def read_yaml(text: str) -> Any:

@@ -135,10 +135,14 @@ def test_recordings_are_compared_by_name(
     [
         (None, "cannot be read: No such file or directory"),
         ("estimators: {}", "not a JSON file; give what evaluate --json wrote"),
+        ("[" * 100_000, "not a JSON file; give what evaluate --json wrote"),
         ("[1]", "not a JSON of evaluate with schema 1"),
         ('{"schema": 2}', "not a JSON of evaluate with schema 1"),
         ('{"schema": 1, "bag": "x"}', "damaged: figures of evaluate --json are missing in it"),
         ('{"schema": 1, "bag": "x", "estimators": {"pcf": {"joints": {"a": {}}}}}', "damaged: figures"),
+        ('{"schema": 1, "bag": "x", "estimators": {}}', "damaged: figures"),
+        ('{"schema": 1, "bag": "x", "estimators": {}, "duration_s": 1, "versions": 2}', "damaged: figures"),
+        ('{"schema": 1, "bag": "x", "estimators": {}, "duration_s": NaN}', "not a JSON file"),
     ],
 )
 def test_what_is_no_earlier_evaluation(
@@ -150,6 +154,30 @@ def test_what_is_no_earlier_evaluation(
     result = jointest("evaluate", finger, "-c", finger_yaml, "--against", against)
     assert result.refusal().startswith(f"--against: {against}: {reason}")
     assert result.out == ""
+
+
+def test_a_figure_that_is_no_number_is_told(
+    jointest: Jointest, finger: Path, finger_yaml: Path, old: Callable[..., Path]
+) -> None:
+    def damage(document: dict[str, Any]) -> None:
+        document["estimators"]["pcf"]["joints"]["finger_mcp"]["rmse_deg"] = "1"
+
+    assert "damaged: figures" in jointest("evaluate", finger, "-c", finger_yaml, "--against", old(damage)).refusal()
+
+
+def test_fail_worse_never_passes_without_a_comparison(
+    jointest: Jointest, finger: Path, finger_yaml: Path, old: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Another estimator, other recordings, none at all: told, since a gate in CI would stay open."""
+    against = old(lambda document: document.update(estimators={"kckf": document["estimators"]["pcf"]}))
+    options = ("evaluate", finger, "-c", finger_yaml, "--against", against)
+    assert jointest(*options).code == 0
+    result = jointest(*options, "--fail-worse", 5)
+    assert result.code == 2
+    assert f"--fail-worse: {against} has no rms error of these recordings and estimators" in result.err
+    against.write_text("[]", encoding="utf-8")
+    result = jointest(*options, "--fail-worse", 5)
+    assert result.code == 2 and f"warning: {finger}: not in {against}" in result.err
 
 
 def test_fail_worse_needs_an_earlier_evaluation(

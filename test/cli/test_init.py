@@ -228,6 +228,11 @@ def test_named_frames_of_imus(arm: Path, jointest: Jointest, tmp_path: Path) -> 
         (ARM.replace('xyz="0 0 0.1"', 'xyz="0 zero 0.1"'), "give a number"),
         (ARM.replace("<robot", '<robot xmlns:xacro="x"').replace("0.3", "${length}"), "xacro"),
         ('<robot name="r"><link name="a"/></robot>', "no joint that turns"),
+        ('<robot name="r"/>', "no links"),
+        (ARM.replace('<link name="tool"/>', '<link name="upper"/>'), "link 'upper' is given twice"),
+        (ARM.replace('name="wrist"', 'name="elbow"'), "joint 'elbow' is given twice"),
+        (ARM.replace('type="revolute"', 'type="revolut"'), "'shoulder': type 'revolut' is not allowed; give one of"),
+        (ARM.replace("<axis", '<mimic multiplier="2"/><axis', 1), '<mimic joint="..."/> is missing'),
     ],
 )
 def test_a_bad_urdf_is_refused_in_one_line(urdf: str, words: str, jointest: Jointest, tmp_path: Path) -> None:
@@ -235,6 +240,57 @@ def test_a_bad_urdf_is_refused_in_one_line(urdf: str, words: str, jointest: Join
     path.write_text(urdf, encoding="utf-8")
     assert words in jointest("init", "-o", tmp_path / "robot.yaml", "--urdf", path).refusal()
     assert not (tmp_path / "robot.yaml").exists()
+
+
+def test_a_urdf_in_another_encoding_is_refused_as_such(jointest: Jointest, tmp_path: Path) -> None:
+    path = tmp_path / "bad.urdf"
+    path.write_bytes('<robot name="für"/>'.encode("latin-1"))
+    text = jointest("init", "-o", tmp_path / "robot.yaml", "--urdf", path).refusal()
+    assert text == f"{path}: cannot be read as a URDF: it is not a text in UTF-8"
+
+
+def test_a_mimic_is_told_on_the_screen_and_in_the_file(arm: Path, jointest: Jointest, tmp_path: Path) -> None:
+    arm.write_text(ARM.replace("-2", '-2"/><mimic joint="shoulder" multiplier="0.5" offset="-0.1'), encoding="utf-8")
+    path = tmp_path / "robot.yaml"
+    result = jointest("init", "-o", path, "--urdf", arm)
+    assert "'elbow' mimics one (0.5 shoulder - 0.1 rad): that is not used" in result.err
+    above, entry = path.read_text(encoding="utf-8").split("    elbow:")[0].splitlines()[-2:]
+    assert "elbow mimics another in the URDF (0.5 shoulder - 0.1 rad)" in above and "fore" in entry
+    assert config.load(path).robot.coordinates == ("shoulder", "elbow")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('lower="-1.5707963267948966"', 'lower="-90"', "more than two turns; are they in deg?"),
+        ('lower="-1.5707963267948966"', 'lower="1"', "in the wrong order; left out"),
+        ('type="continuous"', 'type="planar"', "is planar: 'fore' begins a tree of its own"),
+        ('type="continuous"', 'type="floating"', "IMU 'fore_imu' is on no link of a joint that turns: left out"),
+        ('<link name="tool"/>', '<link name="tool"/><link name="stand"/>', "'stand' is a second root"),
+    ],
+)
+def test_doubts_about_a_urdf_are_told(
+    old: str, new: str, words: str, arm: Path, jointest: Jointest, tmp_path: Path
+) -> None:
+    arm.write_text(ARM.replace(old, new), encoding="utf-8")
+    result = jointest("init", "-o", tmp_path / "robot.yaml", "--urdf", arm)
+    assert result.code == 0 and words in result.err
+
+
+def test_names_that_topics_cannot_have(arm: Path, jointest: Jointest, tmp_path: Path) -> None:
+    """Links keep their names; the sensor's name, which makes its topic, is made fit."""
+    arm.write_text(ARM.replace('"upper"', '"upper arm/2"').replace('"fore_imu"', '"fore imu"'), encoding="utf-8")
+    for kind in ("imu", "gyro+hall", "accel"):
+        assert jointest("init", "-o", tmp_path / "robot.yaml", "--urdf", arm, "--sensors", kind, "--force").code == 0
+        sensors = {sensor.link: sensor.topic for sensor in config.load(tmp_path / "robot.yaml").robot.sensors}
+        assert sensors["upper arm/2"].startswith("imu/upper_arm_2")
+
+
+def test_what_xacro_made_is_no_xacro_file(arm: Path, jointest: Jointest, tmp_path: Path) -> None:
+    """Its output keeps the comments and the name space of its input."""
+    kept = '<!-- <xacro:old length="${x}"/> --><robot xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    arm.write_text(ARM.replace("<robot", kept), encoding="utf-8")
+    assert jointest("init", "-o", tmp_path / "robot.yaml", "--urdf", arm).code == 0
 
 
 def test_three_revolutes_through_bare_frames_are_one_joint(jointest: Jointest, tmp_path: Path) -> None:
@@ -282,6 +338,8 @@ def test_nothing_is_replaced_without_force(leg: Path, jointest: Jointest) -> Non
         (("--joints", "knee:thigh:shank:w"), "axes 'w'"),
         (("--joints", "knee:thigh:shank:y:0,0"), "neither an origin X,Y,Z (m) nor limits LOW..HIGH (deg)"),
         (("--joints", "knee:thigh:shank:y:90..10"), "neither an origin"),
+        (("--joints", "knee:thigh:shank:y:nan,0,0"), "neither an origin"),
+        (("--joints", "knee:thigh:shank:y:0..inf"), "neither an origin"),
         (("--joints", "knee:thigh:thigh:y"), "its own ancestor"),
         (("--joints", LEG[0], "--imu", "a"), "--imu: names links of a URDF"),
         (("--joints", LEG[0], "--topic", "two words"), "give a topic"),

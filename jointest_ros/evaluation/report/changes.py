@@ -9,6 +9,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from jointest_ros.core.errors import JointestError
+from jointest_ros.evaluation.report.content import SCHEMA
 from jointest_ros.evaluation.report.kinds import KINDS, rows_of
 
 TOLERANCE = 1.0  # percent of the old rmse: an evaluation repeats itself but for the last digits
@@ -66,6 +67,11 @@ class Changes:
     notes: tuple[str, ...]
 
     @property
+    def known(self) -> list[Change]:
+        """What was evaluated then."""
+        return [row for row in self.rows if row.old is not None]
+
+    @property
     def worse(self) -> list[Change]:
         """What is worse than it was; what is gone of an estimator that was evaluated counts as well."""
         return [row for row in self.rows if row.verdict.startswith("worse") or row.verdict == "gone"]
@@ -78,23 +84,31 @@ def read(path: Path) -> list[dict[str, Any]]:
         ChangesError: the file cannot be read or is something else.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
     except OSError as error:
         raise ChangesError(f"--against: {path}: cannot be read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise ChangesError(f"--against: {path}: not a JSON file; give what evaluate --json wrote") from None
     documents = found if isinstance(found, list) else [found]
     for document in documents:
-        if not isinstance(document, dict) or document.get("schema") != 1:
-            raise ChangesError(f"--against: {path}: not a JSON of evaluate with schema 1")
+        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+            raise ChangesError(f"--against: {path}: not a JSON of evaluate with schema {SCHEMA}")
         try:
             for figures in document["estimators"].values():
-                for _ in _errors(figures):
-                    pass
+                for _, one in _errors(figures):
+                    0.0 + one["coverage"] + (one["rmse_deg"] or 0.0)
             PurePath(document["bag"])
+            0.0 + document["duration_s"]
+            for key in ("settings", "versions"):
+                document.get(key, {}).items()
         except (KeyError, TypeError, AttributeError):
             raise ChangesError(f"--against: {path}: damaged: figures of evaluate --json are missing in it") from None
     return documents
+
+
+def _no_number(text: str) -> float:
+    """NaN and infinities are no JSON, and would make a comparison say that nothing changed."""
+    raise ValueError(text)
 
 
 def earlier(documents: Sequence[dict[str, Any]], bag: str, *, only: bool) -> dict[str, Any] | None:
@@ -146,8 +160,8 @@ def _errors(figures: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], Mappi
 def _notes(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
     if old["bag"] != new["bag"]:
         yield f"recording: {old['bag']} -> {new['bag']}"
-    if abs(old.get("duration_s", 0.0) - new["duration_s"]) > 1e-3:
-        yield f"duration: {old.get('duration_s', 0.0):.3f} s -> {new['duration_s']:.3f} s"
+    if abs(old["duration_s"] - new["duration_s"]) > 1e-3:
+        yield f"duration: {old['duration_s']:.3f} s -> {new['duration_s']:.3f} s"
     if gone := [name for name in old["estimators"] if name not in new["estimators"]]:
         yield f"not evaluated now: {', '.join(gone)}"
     for key in ("settings", "versions"):
