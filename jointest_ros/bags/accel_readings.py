@@ -12,6 +12,7 @@ from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.core.robot import UNCALIBRATED_MATRIX, Robot
 from jointest_ros.core.timing import Timing, rising
 
@@ -38,7 +39,7 @@ def read_accel(
     robot: Robot,
     timing: Timing,
     namespace: str = "",
-    progress: offline.Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> AccelReadings:
     """Read them from an open recording.
 

@@ -132,21 +132,12 @@ def decode_imu(data: bytes) -> tuple[int, str, Vec3, Vec3]:
 
 def decode_magnetic_field(data: bytes) -> tuple[int, str, Vec3]:
     """Stamp (ns), frame id, field (tesla) of a sensor_msgs/MagneticField."""
-    return _decode_vector(MAGNETIC_FIELD_LAYOUTS, MAGNETIC_FIELD, data)
-
-
-def decode_vector3_stamped(data: bytes) -> tuple[int, str, Vec3]:
-    """Stamp (ns), frame id, vector of a geometry_msgs/Vector3Stamped."""
-    return _decode_vector(VECTOR3_LAYOUTS, VECTOR3_STAMPED, data)
-
-
-def _decode_vector(layouts: StampedLayouts, msgtype: str, data: bytes) -> tuple[int, str, Vec3]:
     try:
-        identifier, sec, nanosec, _, frame_id, x, y, z = layouts[data[12:16]].unpack_from(data)
+        identifier, sec, nanosec, _, frame_id, x, y, z = MAGNETIC_FIELD_LAYOUTS[data[12:16]].unpack_from(data)
         _check_preamble(identifier, nanosec)
         return sec * NANOSECONDS + nanosec, _texts[frame_id], (x, y, z)
     except (struct.error, ValueError) as error:
-        raise _refusal(msgtype, data, error) from None
+        raise _refusal(MAGNETIC_FIELD, data, error) from None
 
 
 def decode_quaternion_stamped(data: bytes) -> tuple[int, str, Quat]:

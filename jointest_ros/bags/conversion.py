@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,7 @@ from typing import Any
 from scipy.io import loadmat
 
 from jointest_ros.bags.errors import BagError
-
-Progress = Callable[[int, int], None]  # rows done, rows in all
+from jointest_ros.core.progress import Progress
 
 _ROWS = 4096
 
@@ -31,10 +30,6 @@ class ConversionSummary:
     duration_s: float
     messages: dict[str, int]
     notes: tuple[str, ...] = ()
-
-
-def no_progress(done: int, total: int) -> None:
-    """Report nothing."""
 
 
 def check_source(path: Path) -> None:

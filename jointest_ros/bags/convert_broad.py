@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from jointest_ros.bags.cdr import BOOL, IMU, MAGNETIC_FIELD, QUATERNION_STAMPED
 from jointest_ros.bags.cdr_encode import ImuEncoder, encode_bool, encode_magnetic_field, encode_quaternion_stamped
-from jointest_ros.bags.conversion import ConversionSummary, Progress, check_source, no_progress, row_slices
+from jointest_ros.bags.conversion import ConversionSummary, check_source, row_slices
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter, StorageName
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.progress import Progress, no_progress
 
 _IMU, _MAG = "/imu/imu", "/mag/imu"
 _ORIENTATION, _MOVEMENT = "/ground_truth/imu_orientation", "/ground_truth/movement"
@@ -73,7 +74,7 @@ def _load(src: Path) -> tuple[dict[str, FloatArray], NDArray[np.bool_], float]:
     try:
         import h5py  # an extra, which only this format needs
     except ImportError:
-        raise BagError("reading BROAD needs h5py: pip install jointest_ros[convert]") from None
+        raise BagError("reading BROAD needs h5py: pip install 'jointest_ros[convert]'") from None
     check_source(src)
     try:
         with h5py.File(src, "r") as file:

@@ -15,10 +15,11 @@ import numpy as np
 
 from jointest_ros.bags import synthetic
 from jointest_ros.bags.cdr import JOINT_STATE
-from jointest_ros.bags.conversion import ConversionSummary, Progress, load_matlab, no_progress
+from jointest_ros.bags.conversion import ConversionSummary, load_matlab
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter, StorageName
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.sim.pendulum import PendulumOptions, pendulum, smooth, stretches
 
 _WHAT = "a recording of the double pendulum of the set 'multiarm'"

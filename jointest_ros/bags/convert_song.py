@@ -12,10 +12,11 @@ import numpy as np
 
 from jointest_ros.bags.cdr import IMU, JOINT_STATE
 from jointest_ros.bags.cdr_encode import ImuEncoder, JointStateEncoder
-from jointest_ros.bags.conversion import ConversionSummary, Progress, load_matlab, no_progress, row_slices
+from jointest_ros.bags.conversion import ConversionSummary, load_matlab, row_slices
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.writer import BagWriter, StorageName
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.core.robot import STANDARD_GRAVITY
 
 _IMU_1, _IMU_2, _TRUTH = "/imu/imu_1", "/imu/imu_2", "/ground_truth/joint_states"

@@ -9,12 +9,12 @@ from jointest_ros.bags import offline
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import BagReader
+from jointest_ros.bags.usage import unusual, used_text
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.core.timing import Timing
 from jointest_ros.evaluation.inertial_windows import WindowMeans, Windows
-
-_USUAL = 0.9  # share of the messages that are used when all is well
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def read_inertial(
     timing: Timing,
     stillness: Stillness,
     namespace: str = "",
-    progress: offline.Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> InertialReadings:
     """Read these sensors of the robot, in the memory of a chunk and the means, from an open recording.
 
@@ -56,9 +56,8 @@ def read_inertial(
     outcome = offline.read_recordings(reader, intake, windows.add, namespace, progress)
     warnings = outcome.warnings
     for topic, counts in outcome.inputs.items():
-        if counts["used"] < _USUAL * counts["messages"]:
-            refused = "".join(f", {number} {cause}" for cause, number in counts["refused"].items())
-            warnings.append(f"{reader.path}: {topic}: {counts['used']} of {counts['messages']} messages used{refused}")
+        if unusual(counts):
+            warnings.append(f"{reader.path}: {topic}: {used_text(counts)}")
     if not outcome.frames:
         raise BagError(
             outcome.damage or warnings[-1] if warnings else f"{reader.path}: no message of {', '.join(there)}"

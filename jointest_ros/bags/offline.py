@@ -16,11 +16,11 @@ from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.series_buffer import SeriesBuffer
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Frame, Recording, Series
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.evaluation.truth import Truth
 
 _CHUNK = 2048  # frames that are decoded and assembled together
 
-Progress = Callable[[int, int], None]  # messages done, messages in all
 Sink = Callable[[str, list[Estimate]], None]  # estimator name, consecutive estimates
 FrameSink = Callable[[list[Frame]], None]  # consecutive frames
 StretchSink = Callable[[Recording], None]  # the same as arrays
@@ -114,7 +114,7 @@ def run(
     sink: Sink,
     *,
     namespace: str = "",
-    progress: Progress = lambda done, total: None,
+    progress: Progress = no_progress,
     frame_sink: FrameSink = lambda frames: None,
     consistency: bool = False,
     innovation_sink: InnovationSink | None = None,
@@ -173,7 +173,7 @@ def read_frames(
     intake: Intake,
     frame_sink: FrameSink,
     namespace: str = "",
-    progress: Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> Outcome:
     """The frames of a whole recording without estimates, as `run` reads them."""
     return run(
@@ -186,7 +186,7 @@ def read_recordings(
     intake: Intake,
     sink: StretchSink,
     namespace: str = "",
-    progress: Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> Outcome:
     """The frames of a whole recording as consecutive stretches of some thousands; otherwise as `read_frames`."""
     found, warnings = check_topics(reader, intake, namespace)
@@ -199,7 +199,7 @@ def read_recordings(
 
 
 def read_recording(
-    reader: BagReader, intake: Intake, namespace: str = "", progress: Progress = lambda done, total: None
+    reader: BagReader, intake: Intake, namespace: str = "", progress: Progress = no_progress
 ) -> tuple[Recording, Outcome]:
     """All frames at once."""
     parts: list[Recording] = []

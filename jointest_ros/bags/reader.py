@@ -190,5 +190,5 @@ def _parse(path: Path) -> tuple[list[str], bool]:
         information = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
         names = [PurePath(name).name for name in information["relative_file_paths"]]
         return names, (information.get("compression_mode") or "").lower() not in ("", "none", "storage")
-    except (yaml.YAMLError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except (yaml.YAMLError, KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise BagError(f"{path}: not the metadata of a rosbag2: {error}") from None

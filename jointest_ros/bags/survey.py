@@ -23,10 +23,10 @@ from jointest_ros.bags.cdr import (
 from jointest_ros.bags.errors import BagError, CdrError
 from jointest_ros.bags.ground_truth import TruthReader
 from jointest_ros.bags.intake import HALL_TOPIC
-from jointest_ros.bags.offline import Progress
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.typestore import decoded, typestore
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.evaluation.inspection.stream import Stream
 from jointest_ros.evaluation.truth import Truth
 
@@ -79,7 +79,7 @@ class _Rows:
         return Stream(topic, frame_id, stamps, recorded, gyro, accel, self.has_orientation)
 
 
-def survey(reader: BagReader, namespace: str = "", progress: Progress = lambda done, total: None) -> Survey:
+def survey(reader: BagReader, namespace: str = "", progress: Progress = no_progress) -> Survey:
     """Read an open recording once; memory grows with its inertial messages, 64 bytes each."""
     found = Survey(
         {topic: (kind, reader.counts[topic]) for topic, kind in reader.topics.items()},
@@ -119,7 +119,7 @@ def survey(reader: BagReader, namespace: str = "", progress: Progress = lambda d
     return found
 
 
-def imu_sources(reader: BagReader, progress: Progress = lambda done, total: None) -> dict[str, list[str]]:
+def imu_sources(reader: BagReader, progress: Progress = no_progress) -> dict[str, list[str]]:
     """Frame ids on each topic of sensor_msgs/Imu, by the first messages of an open recording."""
     topics = [topic for topic, kind in reader.topics.items() if kind == IMU and reader.counts[topic]]
     found: dict[str, dict[str, int]] = {topic: {} for topic in topics}

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from rich.table import Table
 
 from jointest_ros.cli.tables import columns
-from jointest_ros.evaluation.accel_calibration import AccelFit, rms
+from jointest_ros.evaluation.accel_calibration import AccelFit
 from jointest_ros.evaluation.accel_plot import FittedAccel
+from jointest_ros.evaluation.metrics import rms_length
 
 _LARGE_RESIDUAL = 0.02  # g
 _FAR_FROM_UNITY = 0.15  # of a matrix
@@ -25,7 +26,7 @@ def advice(fitted: Sequence[FittedAccel], gravity: float) -> Iterator[str]:
             f"{', '.join(fit.undetermined)}); fitted is that plane, the rest stays as configured"
         )
     for one in fitted:
-        left = rms(one.fit.residual)
+        left = rms_length(one.fit.residual)
         if left > _LARGE_RESIDUAL * gravity:
             yield f"{one.name}: the poses leave {1e3 * left / gravity:.0f} mg; were they aligned, and still?"
         if not one.fit.spare:
@@ -54,7 +55,7 @@ def heading(command: str, when: str, fitted: Sequence[FittedAccel], gravity: flo
     ]
     for one in fitted:
         fit = one.fit
-        before, after = (_mg(rms(residual), gravity) for residual in (fit.before, fit.residual))
+        before, after = (_mg(rms_length(residual), gravity) for residual in (fit.before, fit.residual))
         directions = "" if fit.model == "norm" else f": {','.join(one.poses)}"
         lines += [
             f"  {one.name}: {before} mg before, {after} mg after; {fit.model}, rank {fit.rank} of {fit.unknowns}",
@@ -80,8 +81,8 @@ def quality_table(fitted: Sequence[FittedAccel], gravity: float) -> Table:
             str(len(one.poses)),
             f"{fit.rank} of {fit.unknowns}",
             f"{fit.condition:.1f}",
-            _mg(rms(fit.before), gravity),
-            _mg(rms(fit.residual), gravity),
+            _mg(rms_length(fit.before), gravity),
+            _mg(rms_length(fit.residual), gravity),
             f"{_mg(lengths[worst], gravity)} ({one.poses[worst]})",
         )
     return table

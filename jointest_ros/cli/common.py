@@ -22,6 +22,7 @@ from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError, JointestError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.params import Params, allowed_text
+from jointest_ros.core.progress import no_progress
 
 _NARROWEST = 8  # characters that a column of text keeps on a narrow terminal
 
@@ -78,7 +79,7 @@ def needs_ros(on_this_host: bool = True) -> Iterator[None]:
 def progress(description: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error, where that is a terminal; gone when done. Call with (done, total)."""
     if not err.is_terminal:  # rich would leave an empty line there
-        yield lambda done, total: None
+        yield no_progress
         return
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
     with Progress(*columns, console=err, transient=True) as bar:

@@ -100,13 +100,24 @@ def run(arguments: argparse.Namespace) -> int:
                     sink(name, _estimates(estimator.smooth(recording)))
             else:
                 outcome = offline.run(reader, intake, estimators, sink, **how)
+    joints = {name: estimator.joints for name, estimator in estimators.items()}
+    return _conclude(arguments, outcome, joints, lacking)
+
+
+def _conclude(
+    arguments: argparse.Namespace,
+    outcome: offline.Outcome,
+    joints: dict[str, tuple[str, ...]],
+    lacking: dict[str, list[str]],
+) -> int:
+    """Tell what came out; the exit code. `joints`: of each estimator; `lacking`: those of them without an estimate."""
     for text in outcome.warnings:
         warn(text)
-    out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(estimators)}")
-    for name, joints in lacking.items():
-        if joints:
-            warn(f"{name}: no estimate of {', '.join(joints)} in the whole recording")
-    if all(len(lacking[name]) == len(one.joints) for name, one in estimators.items()):
+    out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(joints)}")
+    for name, absent in lacking.items():
+        if absent:
+            warn(f"{name}: no estimate of {', '.join(absent)} in the whole recording")
+    if all(len(lacking[name]) == len(columns) for name, columns in joints.items()):
         complain("estimate", f"{arguments.bag}: no joint could be estimated; the warnings above and status say why")
         return 2
     if outcome.damage:

@@ -20,18 +20,19 @@ from jointest_ros.cli.common import load_estimators, smoothers
 from jointest_ros.config import Configuration
 from jointest_ros.core.errors import JointestError
 from jointest_ros.core.estimator import Estimator
+from jointest_ros.core.frame import Series
 from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.core.pcf.pcf import Pcf
+from jointest_ros.core.progress import Progress, no_progress
 from jointest_ros.evaluation import peers, plots
 from jointest_ros.evaluation.metrics import errors, has_figures
 from jointest_ros.evaluation.panels import panels
 from jointest_ros.evaluation.report import changes, files
 from jointest_ros.evaluation.report.changes import Changes
 from jointest_ros.evaluation.report.consistency import Innovations
-from jointest_ros.evaluation.report.content import Evaluation, Origin
+from jointest_ros.evaluation.report.content import SCHEMA, Evaluation, Origin
 from jointest_ros.evaluation.report.library import plotly_js
-
-SCHEMA = 1
+from jointest_ros.evaluation.truth import Truth
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Done:
     """What one task gave.
 
     Attributes:
-        document: the JSON of the design; None: it could not be evaluated.
+        document: what --json writes; None: it could not be evaluated.
         error: why not, or why a picture or report of it is missing; "".
         damage: why the recording could not be read to its end, or "".
         warnings: what a user should know, one line each.
@@ -109,7 +110,7 @@ class Done:
     written: list[str] = field(default_factory=list)
 
 
-def evaluate_task(task: Task, progress: offline.Progress = lambda done, total: None) -> Done:
+def evaluate_task(task: Task, progress: Progress = no_progress) -> Done:
     """One recording from its file to its figures, picture and report. What it needs and gives can be pickled.
 
     Raises:
@@ -142,7 +143,7 @@ def evaluate(
     warnings: list[str],
     *,
     detailed: bool = False,
-    progress: offline.Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> Evaluation:
     """Run estimators over one recording and compare with its ground truth.
 
@@ -155,23 +156,19 @@ def evaluate(
         PeerError: the peers are not installed, or the robot has no IMU for them.
         BagError: the recording cannot be read, does not fit the configuration or has no ground truth of its joints.
     """
-    configuration, namespace, skip_s = options.configuration, options.namespace, options.skip_s
+    configuration, skip_s = options.configuration, options.skip_s
     estimators = load_estimators(configuration, options.chosen)
     intake = Intake(configuration.robot, configuration.timing)
     smoothing = smoothers(estimators) if options.smooth else {}
     sink, frames, innovations = offline.SeriesSink(estimators), offline.RecordingSink(), InnovationsSink()
-    keep: dict[str, Any] = {"frame_sink": frames} if options.with_peers or smoothing or detailed else {}
+    how: dict[str, Any] = {"progress": progress, "consistency": True}
+    if options.with_peers or smoothing or detailed:
+        how["frame_sink"] = frames
     if detailed:
-        keep["innovation_sink"] = innovations
+        how["innovation_sink"] = innovations
     with BagReader(bag) as reader:
-        if not offline.has_truth(reader, namespace):
-            raise BagError(
-                f"{bag}: no ground truth (topics {ground_truth.TRUTH_JOINTS}, {ground_truth.TRUTH_ORIENTATION}); "
-                "`jointest estimate` does without"
-            )
-        outcome = offline.run(
-            reader, intake, estimators, sink, namespace=namespace, progress=progress, consistency=True, **keep
-        )
+        _check_truth(reader, options.namespace)
+        outcome = offline.run(reader, intake, estimators, sink, namespace=options.namespace, **how)
         duration = reader.duration_s
     warnings += outcome.warnings
     if options.moving and not outcome.truth.movement:
@@ -182,19 +179,10 @@ def evaluate(
     for name, estimator in smoothing.items():
         smoothed = f"{name}_smoothed"
         judged[smoothed], series[smoothed] = estimator, estimator.smooth(frames.recording())
-    tables = {}
-    for name, estimator in judged.items():
-        tables[name] = errors(
-            series[name],
-            estimator.joints,
-            truth,
-            skip_s,
-            options.continuous,
-            estimator.torso,
-            headings=bool(getattr(estimator.params, "mag_weight", 0.0)),
-        )
-        costs = {"nis": outcome.nis.get(name), "ns_per_frame": outcome.ns_per_frame.get(name)}
-        tables[name] |= {**costs, "frames": outcome.frames}
+    tables = {name: _errors(estimator, series[name], truth, options) for name, estimator in judged.items()}
+    for name, table in tables.items():
+        table |= {"nis": outcome.nis.get(name), "ns_per_frame": outcome.ns_per_frame.get(name)}
+        table["frames"] = outcome.frames
     if not any(has_figures(table) for table in tables.values()):
         known = ", ".join([*outcome.truth.position, *outcome.truth.orientation]) or "nothing that can be read"
         raise BagError(f"{bag}: no estimate matches the ground truth (of {known}) after {skip_s:g} s")
@@ -230,6 +218,22 @@ def evaluate(
         innovations.found(),
         frames.recording() if detailed else None,
         {what: n for topic in intake.topics for what, n in intake.saturated(topic).items()},
+    )
+
+
+def _check_truth(reader: BagReader, namespace: str) -> None:
+    if not offline.has_truth(reader, namespace):
+        raise BagError(
+            f"{reader.path}: no ground truth (topics {ground_truth.TRUTH_JOINTS}, {ground_truth.TRUTH_ORIENTATION}); "
+            "`jointest estimate` does without"
+        )
+
+
+def _errors(estimator: Estimator, series: Series, truth: Truth, options: Options) -> dict[str, Any]:
+    """Those of an estimator, as in the JSON."""
+    headings = bool(getattr(estimator.params, "mag_weight", 0.0))
+    return errors(
+        series, estimator.joints, truth, options.skip_s, options.continuous, estimator.torso, headings=headings
     )
 
 

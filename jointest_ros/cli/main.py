@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import itertools
 import os
 import sys
@@ -54,14 +53,16 @@ class _Parser(argparse.ArgumentParser):
             for word in itertools.takewhile("--".__ne__, args):
                 option = word.split("=")[0]
                 if option.startswith("--") and not any(name.startswith(option) for name in known):
-                    self.error(f"unrecognized arguments: {option}{did_you_mean(option, known)}")
+                    self.error(f"unrecognized arguments: {option}{_hint(option, known)}")
         return super().parse_known_args(args, namespace)
 
 
-def did_you_mean(word: str, known: Any) -> str:
+def _hint(word: str, known: Any) -> str:
     """The end of a message about a word that is not known. "" where nothing is like it."""
-    alike = difflib.get_close_matches(word, known, 1)
-    return f"; did you mean '{alike[0]}'?" if alike else ""
+    from jointest_ros.core.errors import did_you_mean  # not before Ctrl-C is taken care of
+
+    hint = did_you_mean(word, known)
+    return f"; {hint}" if hint else ""
 
 
 def make_parser(chosen: str) -> argparse.ArgumentParser:
@@ -75,7 +76,7 @@ def make_parser(chosen: str) -> argparse.ArgumentParser:
         else:
             commands.add_parser(name, help=text)
     if chosen and not chosen.startswith("-") and chosen not in COMMANDS:
-        meant = did_you_mean(chosen, COMMANDS) or f" (choose from {', '.join(COMMANDS)})"
+        meant = _hint(chosen, COMMANDS) or f" (choose from {', '.join(COMMANDS)})"
         parser.error(f"argument COMMAND: invalid choice: '{chosen}'{meant}")
     return parser
 

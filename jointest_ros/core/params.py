@@ -6,14 +6,13 @@ The same declaration is the YAML key, the ROS parameter and the text in the docu
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import sys
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, did_you_mean
 
 ParamsT = TypeVar("ParamsT", bound="Params")
 
@@ -62,8 +61,7 @@ def reject_unknown(values: Iterable[str], allowed: Iterable[str], where: str = "
     names = list(allowed)
     for name in values:
         if name not in names:
-            near = difflib.get_close_matches(str(name).lower(), names, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"allowed: {', '.join(names)}"
+            hint = did_you_mean(str(name).lower(), names, f"allowed: {', '.join(names)}")
             raise ConfigurationError(f"{where + '.' if where else ''}{name}: unknown {what}; {hint}")
 
 

@@ -6,13 +6,12 @@ links; what is not aligned is a sensor's `mounting`. A joint position is the chi
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, did_you_mean
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.learned import Learned
@@ -243,8 +242,7 @@ class Robot:
 
 
 def _known(name: str, names: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, names, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(names) or 'none'}"
+    return did_you_mean(name, names, f"known: {', '.join(names) or 'none'}")
 
 
 def _no_repetition(what: str, names: Sequence[str]) -> None:

@@ -14,14 +14,17 @@ IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
 def dot(a: Vec3, b: Vec3) -> float:
+    """a^T b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vec3, b: Vec3) -> Vec3:
+    """[a]x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def norm(a: Vec3) -> float:
+    """Length of `a`."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
@@ -40,6 +43,7 @@ def perpendicular(a: Vec3) -> tuple[Vec3, Vec3]:
 
 
 def multiply(p: Quat, q: Quat) -> Quat:
+    """The rotation `q`, then `p`: R(p) R(q)."""
     px, py, pz, pw = p
     qx, qy, qz, qw = q
     return (
@@ -51,10 +55,12 @@ def multiply(p: Quat, q: Quat) -> Quat:
 
 
 def conjugate(q: Quat) -> Quat:
+    """The inverse rotation, for a quaternion of length 1."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 def normalized(q: Quat) -> Quat:
+    """`q` at length 1. Raises ZeroDivisionError for zeros."""
     x, y, z, w = q
     n = math.sqrt(x * x + y * y + z * z + w * w)
     return (x / n, y / n, z / n, w / n)

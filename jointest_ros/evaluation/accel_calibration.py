@@ -22,6 +22,7 @@ from scipy.optimize import least_squares
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
+from jointest_ros.evaluation.metrics import rms_length
 
 LEAST_EXTENT = 0.1  # singular value over sqrt(N): 0.58 for the six axes; below it, errors of a pose grow tenfold
 LEAST_EXTENT_NORM = 0.05  # the same of |S v + o|, whose columns are products of directions
@@ -63,11 +64,6 @@ class AccelFit:
     before: FloatArray
 
 
-def rms(residual: FloatArray) -> float:
-    """Root mean square length of vectors (N, 3)."""
-    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
-
-
 def fit_directions(
     readings: FloatArray, errors: FloatArray, up: FloatArray, sensor: Sensor, gravity: float = STANDARD_GRAVITY
 ) -> AccelFit:
@@ -100,7 +96,7 @@ def fit_directions(
                 "+-x, +-y, +-z up, or for a joint of one axis at least with four directions across that axis"
             )
         fit = _planar(readings, errors, up * gravity, axes, sensor, names)
-    left = rms(fit.residual) / gravity
+    left = rms_length(fit.residual) / gravity
     if left > WORST_RESIDUAL or fit.condition > WORST_CONDITION:
         why = f"residual {left:.2f} g" if left > WORST_RESIDUAL else "the readings differ less than the directions"
         raise CalibrationError(
@@ -146,7 +142,7 @@ def fit_norm(readings: FloatArray, errors: FloatArray, sensor: Sensor, gravity: 
     p = least_squares(residuals, start, jac=jacobian, x_scale=1.0).x
     residual = _too_long(calibrated(p), 1.0)
     gains = np.linalg.eigvalsh(_symmetric(p))
-    if rms(residual) > WORST_RESIDUAL or gains[0] < _LEAST_GAIN:
+    if rms_length(residual) > WORST_RESIDUAL or gains[0] < _LEAST_GAIN:
         raise CalibrationError("no matrix and offset make all poses equally long; did it stand still?")
     noise = _noise(errors / size, residual, number - _UNKNOWNS_NORM)
     std = noise * np.sqrt(np.diag(np.linalg.inv(jacobian(p).T @ jacobian(p))))
@@ -168,7 +164,7 @@ def fit_norm(readings: FloatArray, errors: FloatArray, sensor: Sensor, gravity: 
 
 def _full(readings: FloatArray, errors: FloatArray, true: FloatArray, sensor: Sensor) -> AccelFit:
     """y = pinv(V) A, row by row; readings in units of their own size, so that the columns are alike."""
-    size = float(np.sqrt(np.mean(np.sum(readings**2, axis=1))))
+    size = rms_length(readings)
     solution, std, condition, residual = _least_squares(readings / size, errors / size, true)
     return AccelFit(
         "full",
@@ -195,7 +191,7 @@ def _planar(
     undetermined: tuple[str, ...],
 ) -> AccelFit:
     """In `axes` (3, 3), rows: two in the plane, one across."""
-    size = float(np.sqrt(np.mean(np.sum(readings**2, axis=1))))
+    size = rms_length(readings)
     matrix = axes @ np.array(sensor.accel_matrix) @ axes.T
     offset = axes @ np.array(sensor.accel_offset)
     v, a = readings @ axes.T, true @ axes.T

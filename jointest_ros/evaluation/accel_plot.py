@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.evaluation.accel_calibration import AccelFit, rms
+from jointest_ros.evaluation.accel_calibration import AccelFit
+from jointest_ros.evaluation.metrics import rms_length
 from jointest_ros.evaluation.picture import Draw, save_pairs
 
 _HEIGHT = 5.0  # inches, of one sensor
@@ -45,5 +46,5 @@ def _draw(axes: Any, title: str, poses: Sequence[str], residual: FloatArray) -> 
     axes.set_xticks(places, poses, fontsize="small", rotation=0 if len(poses) <= 12 else 90)
     axes.set(xlabel="pose", ylabel="residual, mg")
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5), handletextpad=0.0, frameon=False)
-    axes.set_title(f"{title}: rms {rms(residual):.2f} mg", fontsize="medium")
+    axes.set_title(f"{title}: rms {rms_length(residual):.2f} mg", fontsize="medium")
     axes.grid(color="0.9")

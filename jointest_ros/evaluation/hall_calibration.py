@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_sensor import Curve, ExponentialCurve, HallSensor, SplineCurve
+from jointest_ros.evaluation.metrics import rms
 
 CURVES = ("exponential", "spline")
 _FEWEST = 20  # readings for a fit
@@ -109,7 +110,7 @@ def fit_hall(
         used[known] = solution.used
         residual[known] = data.volts - _expected(solution.curve, data.angles, sensor)
         near = used & (abs(residual) < _FAR_OUT * 1.4826 * np.median(abs(residual[used])))
-        noise = math.sqrt(max(_rms(residual[near]) ** 2 - sensor.resolution**2 / 12.0, _LEAST_NOISE**2))
+        noise = math.sqrt(max(rms(residual[near]) ** 2 - sensor.resolution**2 / 12.0, _LEAST_NOISE**2))
         try:
             fitted = replace(sensor, curve=solution.curve, offset=0.0, noise=noise)
         except ConfigurationError:  # noise as wide as the sensor's range
@@ -122,8 +123,8 @@ def fit_hall(
             sensor=fitted,
             used=used,
             residual=residual,
-            rms_volts=_rms(residual[used]),
-            rms_deg=math.degrees(_rms(fitted.angle(volts[used]) - reference[used])),
+            rms_volts=rms(residual[used]),
+            rms_deg=math.degrees(rms(fitted.angle(volts[used]) - reference[used])),
             scatter=solution.sigma,
             covered=covered,
             volts=grid,
@@ -285,7 +286,3 @@ def _expected(curve: Curve, angles: FloatArray, sensor: HallSensor) -> FloatArra
 
 def _scattered(volts: float) -> CalibrationError:
     return CalibrationError(f"the readings scatter by {volts:.3g} V about any curve; are they of this joint?")
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_sensor import HallSensor, SplineCurve
 from jointest_ros.evaluation.hall_calibration import HallFit
+from jointest_ros.evaluation.metrics import rms
 
 _LONGEST_HOLE = 0.1  # s, between samples of the reference that are interpolated over
 _STEP = 0.05  # s
@@ -73,7 +74,7 @@ def advice(
 def _speed(time: FloatArray, angle: FloatArray) -> float:
     """Root mean square of the rate, rad/s, over steps in which an encoder's digits are small."""
     even = np.arange(time[0], time[-1], _STEP)
-    return float(np.sqrt(np.mean((np.diff(np.interp(even, time, angle)) / _STEP) ** 2))) if len(even) > 1 else 0.0
+    return rms(np.diff(np.interp(even, time, angle)) / _STEP) if len(even) > 1 else 0.0
 
 
 def _sweeps(angle: FloatArray) -> int:

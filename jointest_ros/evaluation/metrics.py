@@ -43,11 +43,21 @@ class MatchedError:
         return summarize(self.degrees, self.expected)
 
 
+def rms(values: FloatArray) -> float:
+    """Root mean square of all values, in their unit."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def rms_length(vectors: FloatArray) -> float:
+    """Root mean square length of vectors (N, 3), in their unit."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
 def summarize(error_deg: FloatArray, expected: int) -> dict[str, float | int | None]:
     """Figures of (K,) errors in degrees of which there could have been `expected`; None where there is none."""
     figures: dict[str, float | int | None] = dict.fromkeys(("rmse_deg", "bias_deg", "std_deg", "max_abs_deg"))
     if len(error_deg):
-        figures["rmse_deg"] = float(np.sqrt(np.mean(error_deg**2)))
+        figures["rmse_deg"] = rms(error_deg)
         figures["bias_deg"] = float(np.mean(error_deg))
         figures["std_deg"] = float(np.std(error_deg))
         figures["max_abs_deg"] = float(np.max(np.abs(error_deg)))
@@ -84,7 +94,7 @@ def joint_error(
     rows = usable[rows]
     degrees = np.degrees(estimates[rows] - truths[known][matched])
     if wrapped:
-        degrees = (degrees + 180.0) % 360.0 - 180.0
+        degrees = _wrapped(degrees)
     return MatchedError(truth.stamps[known][matched], rows, degrees, int(known.sum()))
 
 
@@ -124,7 +134,11 @@ def inclination_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
 def heading_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
     """Turn about the vertical nearest to estimate times inverse truth, (K, 4) quaternions each; (K,) degrees."""
     _, _, z, w = (Rotation.from_quat(estimate) * Rotation.from_quat(truth).inv()).as_quat().T
-    degrees = np.degrees(2.0 * np.arctan2(z, w))
+    return _wrapped(np.degrees(2.0 * np.arctan2(z, w)))
+
+
+def _wrapped(degrees: FloatArray) -> FloatArray:
+    """In [-180, 180)."""
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)
 
 
@@ -138,7 +152,7 @@ def errors(
     *,
     headings: bool = False,
 ) -> dict[str, Any]:
-    """All error figures of one estimator, keyed as in the JSON of the design; `nis` is that of the run.
+    """All error figures of one estimator, keyed as in the JSON of `jointest evaluate`.
 
     Args:
         series: estimates, columns as `joints`.

@@ -93,7 +93,7 @@ def run(name: str, robot: Robot, recording: Recording, params: PcfParams | None)
         params: of `pcf` in the same configuration: whether and when it calibrates from a still start. None: never.
 
     Raises:
-        PeerError: the package is not installed.
+        PeerError: the package is not installed, or no sensor of the recording has gyro and accelerometer.
     """
     sensors = [sensor for sensor in robot.sensors if sensor.gyro and sensor.accel and sensor.name in recording.gyro]
     if not sensors:

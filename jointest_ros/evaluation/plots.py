@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation.metrics import rms
 from jointest_ros.evaluation.panels import Curve, Panel, line
 from jointest_ros.evaluation.picture import PlotError, save
 
@@ -61,7 +62,7 @@ def draw(path: Path, title: str, shown: list[Panel]) -> None:
 
 def _overall(names: list[str], shown: list[Panel]) -> str:
     errors = {name: [panel.curves[name].error for panel in shown if name in panel.curves] for name in names}
-    return "rms: " + ", ".join(f"{name} {_rms(np.concatenate(parts)):.3f} deg" for name, parts in errors.items())
+    return "rms: " + ", ".join(f"{name} {rms(np.concatenate(parts)):.3f} deg" for name, parts in errors.items())
 
 
 def _draw_angles(axes: Any, panel: Panel, truth: tuple[FloatArray, FloatArray], colours: Mapping[str, str]) -> None:
@@ -77,7 +78,7 @@ def _draw_angles(axes: Any, panel: Panel, truth: tuple[FloatArray, FloatArray], 
 def _draw_errors(axes: Any, panel: Panel, colours: Mapping[str, str]) -> None:
     axes.axhline(0.0, color="0.6", linewidth=0.8)
     for name, curve in panel.curves.items():
-        label = f"{name}: rms {_rms(curve.error):.3f}, std {np.std(curve.error):.3f}"
+        label = f"{name}: rms {rms(curve.error):.3f}, std {np.std(curve.error):.3f}"
         axes.plot(*line(curve.seconds, curve.error), color=colours[name], linewidth=0.8, alpha=0.6, label=label)
     for name, curve in panel.curves.items():
         if curve.spread is not None:
@@ -96,10 +97,6 @@ def _finish(axes: Any) -> None:
     axes.set_axisbelow(True)
     axes.margins(x=0.0)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), fontsize="small", frameon=False)
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _limits(curves: Collection[Curve]) -> tuple[float, float]:

@@ -5,11 +5,7 @@ Joint angles from one IMU on each link.
 
 from __future__ import annotations
 
-from functools import partial
-
-from jointest_ros.nodes.estimator_node import EstimatorNode, run
-
-PcfNode = partial(EstimatorNode, "pcf")
+from jointest_ros.nodes.estimator_node import run
 
 
 def main(args: list[str] | None = None) -> int:

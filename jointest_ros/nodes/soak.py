@@ -17,7 +17,7 @@ from jointest_ros.bags import synthetic
 from jointest_ros.bags.ground_truth import TRUTH_JOINTS
 from jointest_ros.benchmark.part import Options, PartResult, Report, ResultTable
 from jointest_ros.config.text import robot_yaml
-from jointest_ros.core.frame import FloatArray
+from jointest_ros.evaluation.metrics import rms
 from jointest_ros.nodes import soak_roles
 from jointest_ros.nodes.bench_processes import Process, namespace, spawn
 from jointest_ros.nodes.soak_roles import FAULT_EVERY, Sent, Taken
@@ -118,17 +118,18 @@ class Outcome:
 
     def errors(self) -> Iterator[tuple[Any, ...]]:
         """Name, rms in the first and the last tenth, largest error (deg), slope (deg/h), limits (deg) or None."""
-        mean, rms, largest = (np.degrees(rows[SETTLED:]) for rows in (self.sent.mean, self.sent.rms, self.sent.largest))
+        sent = self.sent
+        mean, each, largest = (np.degrees(rows[SETTLED:]) for rows in (sent.mean, sent.rms, sent.largest))
         length = len(mean)
         tenth = max(1, length // 10)
-        for column, name in enumerate(self.sent.names):
-            torso = name == self.sent.names[-1]
+        for column, name in enumerate(sent.names):
+            torso = name == sent.names[-1]
             if not length or (torso and self.case.torso_deg is None):
                 continue
             yield (
                 name,
-                _rms(rms[:tenth, column]),
-                _rms(rms[-tenth:, column]),
+                rms(each[:tenth, column]),
+                rms(each[-tenth:, column]),
                 float(largest[:, column].max()),
                 60.0 * float(np.polyfit(np.arange(length), mean[:, column], 1)[0]) if length >= 59 else None,
                 None if torso or math.isinf(self.case.rms_deg) else self.case.rms_deg,
@@ -148,10 +149,6 @@ class Outcome:
             refused = ", ".join(f"{n} {cause}" for cause, n in sorted(one["refused"].items())) or "none"
             sent = self.sent.messages[topic]
             yield topic, sent, one["messages"], one["used"], refused, self.taken.estimates, self.sent.states
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt((values**2).mean()))
 
 
 class _Soak:

@@ -18,6 +18,7 @@ from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Robot
 from jointest_ros.evaluation import jobs
 from jointest_ros.evaluation.jobs import HERE, Workers
+from jointest_ros.evaluation.metrics import rms
 from jointest_ros.evaluation.posture import Contact, contact_points, fit_circle
 from jointest_ros.reproduction.result import Options, Report, Result, ResultTable
 from jointest_ros.sim.gripper import (
@@ -122,7 +123,7 @@ def noise_error(robot: Robot, held: Grasp, deviation: float, draws: int, seed: i
         ).tolist()
     ]
     radii = fit_circle(np.array(points))[1]
-    return 100.0 * math.sqrt(np.mean((radii / held.radius - 1.0) ** 2))
+    return 100.0 * rms(radii / held.radius - 1.0)
 
 
 def _at_one_degree(held: Grasp, seed: int) -> float:
@@ -148,10 +149,10 @@ def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
         for bias_mg in (0.0, ACCEL_BIAS_MG):
             found[bias_mg] = 1e3 * np.array([results[radius, bias_mg, number] for number in range(runs)])
         in_mm = 1e3 * radius
-        rms = {bias: 100.0 * math.sqrt(np.mean((radii / in_mm - 1.0) ** 2)) for bias, radii in found.items()}
-        errors[radius] = rms[0.0]
+        off = {bias: 100.0 * rms(radii / in_mm - 1.0) for bias, radii in found.items()}
+        errors[radius] = off[0.0]
         printed, percent, contacts = PAPER[radius]
-        beside.append((in_mm, contacts, printed, percent, float(found[0.0][0]), rms[0.0], rms[ACCEL_BIAS_MG]))
+        beside.append((in_mm, contacts, printed, percent, float(found[0.0][0]), off[0.0], off[ACCEL_BIAS_MG]))
         exact = 1e3 * radius_of(robot, held.positions, held.contacts) - in_mm
         at_noise.append((in_mm, len(held.contacts), abs(exact), AT_ONE_DEGREE[radius], results[radius]))
     return Result(

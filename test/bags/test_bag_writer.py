@@ -162,7 +162,7 @@ def test_a_topic_that_is_declared_twice(tmp_path: Path) -> None:
         bag.add_topic("/imu/palm", IMU)
 
 
-def test_a_negative_record_time(tmp_path: Path, samples: Samples) -> None:
+def test_a_negative_record_time(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="cannot be written"), BagWriter(tmp_path / "run", "mcap") as bag:
         bag.add_topic("/imu/palm", IMU)
         bag.write("/imu/palm", -1, b"")

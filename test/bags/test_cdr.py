@@ -100,7 +100,6 @@ def test_stamped_vectors_both_ways(number: int) -> None:
     assert cdr_encode.encode_quaternion_stamped(STAMP, frame_id, values) == data
 
     data = serialised(message(cdr.VECTOR3_STAMPED, header=head, vector=vector(values[:3])))
-    assert cdr.decode_vector3_stamped(data) == (STAMP, frame_id, values[:3])
     assert cdr_encode.encode_vector3_stamped(STAMP, frame_id, values[:3]) == data
 
     field = message(
@@ -180,7 +179,7 @@ def test_clock_and_bool() -> None:
 def test_a_stamp_before_1970_keeps_its_nanoseconds_positive() -> None:
     data = cdr_encode.encode_vector3_stamped(-1, "", (0.0, 0.0, 0.0))
     assert data == serialised(message(cdr.VECTOR3_STAMPED, header=header(-1, ""), vector=vector((0, 0, 0))))
-    assert cdr.decode_vector3_stamped(data)[0] == -1
+    assert cdr.decode_magnetic_field(cdr_encode.encode_magnetic_field(-1, "", (0.0, 0.0, 0.0)))[0] == -1
 
 
 def test_fast_cdr_understands_and_is_understood() -> None:
@@ -211,7 +210,6 @@ def test_fast_cdr_understands_and_is_understood() -> None:
 DECODERS: dict[str, tuple[Callable[[bytes], object], bytes]] = {
     cdr.IMU: (cdr.decode_imu, cdr_encode.ImuEncoder("palm").encode(STAMP, (1, 2, 3), (4, 5, 6))),
     cdr.MAGNETIC_FIELD: (cdr.decode_magnetic_field, cdr_encode.encode_magnetic_field(STAMP, "palm", (1, 2, 3))),
-    cdr.VECTOR3_STAMPED: (cdr.decode_vector3_stamped, cdr_encode.encode_vector3_stamped(STAMP, "", (1, 2, 3))),
     cdr.QUATERNION_STAMPED: (
         cdr.decode_quaternion_stamped,
         cdr_encode.encode_quaternion_stamped(STAMP, "palm", (0, 0, 0, 1)),
@@ -327,5 +325,5 @@ def test_what_does_not_fit_into_a_message_raises_cdr_errors() -> None:
 
 def test_many_different_names_do_not_pile_up() -> None:
     for number in range(3000):
-        cdr.decode_vector3_stamped(cdr_encode.encode_vector3_stamped(0, f"frame_{number}", (0.0, 0.0, 0.0)))
+        cdr.decode_magnetic_field(cdr_encode.encode_magnetic_field(0, f"frame_{number}", (0.0, 0.0, 0.0)))
     assert len(cdr._texts) <= 1024

@@ -90,7 +90,7 @@ def mutated(data: bytes, changes: list[Mutation]) -> bytes:
 
 
 @pytest.mark.parametrize("msgtype", DECODERS)
-@settings(max_examples=200, derandomize=True, deadline=None)
+@settings(max_examples=200)
 @given(changes=mutations)
 def test_mutated_messages(msgtype: str, changes: list[Mutation]) -> None:
     try:
@@ -195,7 +195,7 @@ event = st.one_of(
 
 
 @pytest.mark.parametrize("name", ESTIMATED)
-@settings(max_examples=20, derandomize=True, deadline=None)
+@settings(max_examples=20)
 @given(events=st.lists(event, max_size=40))
 def test_arbitrary_messages_into_every_estimator(name: str, events: list[tuple]) -> None:  # type: ignore[type-arg]
     stream = Stream(name)

@@ -190,7 +190,7 @@ def test_broad_files_that_lack_something(changes: dict[str, Any], tmp_path: Path
 def test_broad_without_h5py(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = write_broad(tmp_path / "trial.hdf5")
     monkeypatch.setitem(sys.modules, "h5py", None)
-    assert "pip install jointest_ros[convert]" in refusal("broad", source, tmp_path / "run")
+    assert "pip install 'jointest_ros[convert]'" in refusal("broad", source, tmp_path / "run")
 
 
 def test_existing_destinations(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_a_killed_recorder(make_bag: MakeBag, data_file: DataFile, samples: Samp
     assert "the file ends inside of a record" in error
 
 
-def test_chunks_that_break_off_when_compressed(tmp_path: Path, data_file: DataFile, samples: Samples) -> None:
+def test_chunks_that_break_off_when_compressed(tmp_path: Path, data_file: DataFile) -> None:
     writer = Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     generator, expected = random.Random(1), []
@@ -195,7 +195,7 @@ def test_messages_that_are_silently_passed_over(make_bag: MakeBag, data_file: Da
 
 @pytest.mark.parametrize("seed", range(60))
 def test_random_damage_raises_nothing_but_bag_errors(
-    storage: StorageName, seed: int, make_bag: MakeBag, data_file: DataFile, samples: Samples
+    storage: StorageName, seed: int, make_bag: MakeBag, data_file: DataFile
 ) -> None:
     path = make_bag(storage, 100)
     generator = random.Random(seed)

@@ -230,7 +230,7 @@ MESSAGES = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.lists(st.tuples(MESSAGES, st.integers(0, 30)), max_size=60), st.booleans())
 def test_whatever_comes_is_used_or_refused_and_frames_are_in_order(
     messages: list[tuple[tuple[str, bytes], int]], hall_per_frame: bool

@@ -17,7 +17,7 @@ from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
 
 PERIOD = 10_000_000  # ns
 A1, A2 = (Sensor(name, "a", gyro=False, accel_range=2.0 * STANDARD_GRAVITY) for name in ("a1", "a2"))
-B1, B2 = (Sensor(name, "b", gyro=False) for name in ("b1", "b2"))
+B1 = Sensor("b1", "b", gyro=False)
 IMU = Sensor("imu", "hand")
 UP = np.array([0.0, 0.0, STANDARD_GRAVITY])
 

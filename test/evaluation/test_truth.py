@@ -54,7 +54,7 @@ def test_the_nearest_within_half_a_truth_period(
     assert matched(estimates, truth) == expected
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(
     st.lists(st.integers(0, 200), unique=True, max_size=30).map(sorted),
     st.lists(st.integers(0, 200), unique=True, min_size=1, max_size=30).map(sorted),

@@ -10,13 +10,15 @@ from jointest_ros.core.torso import TorsoChain
 from jointest_ros.evaluation.report.consistency import Innovations
 from jointest_ros.evaluation.truth import Truth
 
+SCHEMA = 1  # of the JSON
+
 
 @dataclass(frozen=True)
 class Evaluation:
     """What one recording gave.
 
     Attributes:
-        document: the JSON of the design.
+        document: what `jointest evaluate --json` writes.
         damage: why the recording could not be read to its end, or "".
         warnings: what a user should know, one line each.
         series: estimates by estimator.

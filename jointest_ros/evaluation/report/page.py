@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jointest_ros.core.timing import GAP
 from jointest_ros.evaluation import panels as of
 from jointest_ros.evaluation.panels import Panel
 from jointest_ros.evaluation.report import figures, markup, tables
@@ -15,7 +16,7 @@ from jointest_ros.evaluation.report.changes import Changes
 from jointest_ros.evaluation.report.consistency import PROBABILITY, courses, nis_course, within_two_sigma
 from jointest_ros.evaluation.report.content import Evaluation, Origin
 from jointest_ros.evaluation.report.figures import Figure
-from jointest_ros.evaluation.report.inputs import GAP, deliveries
+from jointest_ros.evaluation.report.inputs import deliveries
 from jointest_ros.evaluation.report.summary import overall, statements
 from jointest_ros.evaluation.report.tables import Within
 
