@@ -27,12 +27,19 @@ def topics(robot: Robot) -> dict[str, str]:
     return {**table, TRUTH_JOINTS: JOINT_STATE}
 
 
+def messages_a_frame(robot: Robot) -> int:
+    """How many messages there are for each stamp; several sensors may have one topic."""
+    imus = sum(sensor.gyro or sensor.accel for sensor in robot.sensors)
+    return imus + sum(sensor.mag for sensor in robot.sensors) + bool(robot.hall) + 1
+
+
 def messages(stretches: Iterable[SimulatedRobot]) -> Iterator[Message]:
     """The messages of consecutive stretches of one simulation, in the order of their stamps."""
     for simulated in stretches:
         recording = simulated.recording
         rate = 1.0 / float(recording.period[0]) if recording.period is not None else 1.0
-        columns = [_imu_column(sensor, simulated, rate) for sensor in simulated.robot.sensors]
+        imus = [sensor for sensor in simulated.robot.sensors if sensor.gyro or sensor.accel]
+        columns = [_imu_column(sensor, simulated, rate) for sensor in imus]
         columns += [_mag_column(sensor, recording.mag[sensor.name]) for sensor in simulated.robot.sensors if sensor.mag]
         if recording.hall is not None:
             columns.append(_hall_column(simulated.robot, recording.hall))
@@ -49,10 +56,11 @@ def write(
     report: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Write a simulation of `robot` into an open recording, truth included; `report` is told how many messages."""
+    absolute = {topic: f"/{topic.lstrip('/')}" for topic in topics(robot)}
     for topic, msgtype in topics(robot).items():
-        writer.add_topic(f"/{topic}", msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
+        writer.add_topic(absolute[topic], msgtype, "reliable" if msgtype == JOINT_STATE else "sensor")
     for done, (stamp, topic, data) in enumerate(messages(stretches)):
-        writer.write(f"/{topic}", stamp, data)
+        writer.write(absolute[topic], stamp, data)
         if done % 10000 == 0:
             report(done)
 
@@ -79,8 +87,10 @@ def _mag_column(sensor: Sensor, field: FloatArray) -> _Column:
 
 
 def _hall_column(robot: Robot, voltages: FloatArray) -> _Column:
-    joints = len(dict.fromkeys(hall.joint for hall in robot.hall))
-    dims = (("joint", joints), ("sensor", len(robot.hall) // joints))
+    number, joints = len(robot.hall), len({hall.joint for hall in robot.hall})
+    dims: tuple[tuple[str, int], ...] = (("joint", joints), ("sensor", number // joints))
+    if number % joints:  # no rectangle
+        dims = (("sensor", number),)
     rows = voltages.tolist()
     return HALL_TOPIC, lambda k, _stamp: encode_float32_multiarray(rows[k], dims)
 

@@ -7,12 +7,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol
 
+from jointest_ros import config
 from jointest_ros.bags import synthetic
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.nodes.messages import CLASSES, SENSORS
-from jointest_ros.sim.scenarios import SCENARIOS, Rig
+from jointest_ros.sim.scenarios import OWN, SCENARIOS, Source, own
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
 
 _TRUTH = "ground_truth/"
@@ -66,19 +67,19 @@ class BagPlayback:
 class SimulatedPlayback:
     """A simulation, made while it is played."""
 
-    rig: Rig
+    source: Source
     options: SimulationOptions
 
     def __post_init__(self) -> None:
         self.topics = synthetic.topics(next(self._stretches()).robot)
-        scenario = getattr(self.options, "scenario", "")
-        self.description = f"{self.rig.name} {scenario} at {self.options.rate_hz:g} Hz, seed {self.options.seed}"
+        what = f"{self.source.name} {getattr(self.options, 'scenario', '')}".rstrip()
+        self.description = f"{what} at {self.options.rate_hz:g} Hz, seed {self.options.seed}"
 
     def messages(self) -> Iterator[synthetic.Message]:
         return synthetic.messages(self._stretches())
 
     def _stretches(self) -> Iterator[SimulatedRobot]:
-        return self.rig.stretches(self.options, _SAMPLES / self.options.rate_hz)
+        return self.source.stretches(self.options, _SAMPLES / self.options.rate_hz)
 
     def close(self) -> None:
         pass
@@ -91,6 +92,21 @@ def open_bag(path: str) -> BagPlayback:
     return BagPlayback(path)
 
 
+def simulated(name: str, path: str) -> Source | None:
+    """The source of that name, or None where it is a recording; `path`: of the configuration of one's own robot.
+
+    Raises:
+        ConfigurationError: in the configuration, or there is none.
+    """
+    if name != OWN:
+        return SCENARIOS.get(name)
+    if not path:
+        raise ConfigurationError(
+            f"config: '' is not allowed with source {OWN}; give the path of a configuration: -p config:=YAML"
+        )
+    return own(config.load(path).robot)
+
+
 def sources() -> tuple[str, ...]:
     """What the parameter `source` may be."""
-    return ("bag", *SCENARIOS)
+    return ("bag", *SCENARIOS, OWN)

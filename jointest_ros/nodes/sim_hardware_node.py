@@ -23,9 +23,9 @@ from jointest_ros.bags.synthetic import Message
 from jointest_ros.core.params import Params, param
 from jointest_ros.nodes.messages import CLASSES, SENSORS
 from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
-from jointest_ros.nodes.playback import Playback, SimulatedPlayback, open_bag, sources
+from jointest_ros.nodes.playback import Playback, SimulatedPlayback, open_bag, simulated, sources
 from jointest_ros.nodes.spin import main as run
-from jointest_ros.sim.scenarios import SCENARIOS
+from jointest_ros.sim.scenarios import OWN, OWN_OPTIONS, SCENARIOS
 
 _SETTLED = 0.5  # s without a new subscriber: by then each knows of our topics too, else it misses the first messages
 _LINGER = 0.3  # s that the publishers stay after the last message: what nobody has read yet goes with them
@@ -34,10 +34,13 @@ _MOST_AT_ONCE = 100  # messages in one callback: others in the same executor get
 
 @dataclass(frozen=True)
 class PlayParams(ProcessParams):
-    """What is played and how; a simulated source has the options of its rig besides (rate_hz, scenario, seed, ...)."""
+    """What is played and how; what is simulated has options of its own besides (rate_hz, scenario, seed, ...)."""
 
-    source: str = param("bag", "a recording, or a rig to simulate", choices=sources())
+    source: str = param(
+        "bag", "a recording; or what to simulate: a rig, or the robot of a configuration", choices=sources()
+    )
     bag: str = param("", "path of the recording, for source bag")
+    config: str = param("", f"path of the configuration, for source {OWN}")
     speed: float = param(1.0, "factor of real time", low=0.01, high=1000.0)
     loop: bool = param(False, "start again at the end (the stamps jump back)")
     paused: bool = param(False, "start paused; the service ~/pause goes on")
@@ -75,9 +78,11 @@ class SimHardwareNode(Node):
 
     def _build(self) -> None:
         self.params = declare(self, PlayParams)
-        rig = SCENARIOS.get(self.params.source)
-        check_names(self, PlayParams, *([rig.options] if rig else []))
-        self._playback = SimulatedPlayback(rig, declare(self, rig.options)) if rig else open_bag(self.params.bag)
+        source = simulated(self.params.source, self.params.config)
+        check_names(self, PlayParams, *([source.options] if source else []))
+        self._playback = (
+            SimulatedPlayback(source, declare(self, source.options)) if source else open_bag(self.params.bag)
+        )
         best_effort, reliable = (
             QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=reliability)
             for reliability in (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE)
@@ -173,4 +178,5 @@ def main(args: list[str] | None = None) -> int:
     """Entry point of the executable."""
     sections: dict[str, type[Params]] = {"parameters": PlayParams}
     sections |= {f"parameters with source:={rig.name}": rig.options for rig in SCENARIOS.values()}
+    sections |= {f"parameters with source:={OWN}": OWN_OPTIONS}
     return run(SimHardwareNode, "sim_hardware_node", __doc__, sections, args)

@@ -240,7 +240,7 @@ class _Rig:
         for k, (name, rates) in enumerate(zip(GYROS, self._link_rates(time, position), strict=True)):
             gyro[name], bias[name] = (table + self._biases[k] for table in self._imus[k].gyro_of(rates))
         torso, orientation = torsos_of(self.scenario.axes, position[1:], self.scenario.base is not None)
-        volts = self._hall.read(pose.seen[1:])
+        volts = self._hall.read(np.repeat(pose.seen[1:], 2, axis=1))
         return ExoshellRecording(
             self.robot,
             Recording(stamps[1:], gyro, {}, hall=volts, period=np.full(end - start, 1.0 / rate)),

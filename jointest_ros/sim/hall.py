@@ -14,28 +14,38 @@ class HallReadout:
     """V(theta) + offset + noise, limited to the sensor's range, then rounded; consecutive calls continue each other.
 
     Args:
-        sensors: two of each joint, in the order of the joints.
+        sensors: in the order of the voltages.
         offsets: (sensors) V, errors of the voltages.
         gain: error of the angles, as a share of them.
         play: width of the loop of angle seen over angle, rad.
         seed: of the noise.
+        noise: with the noise of the sensors; they are rounded in any case.
     """
 
     def __init__(
-        self, sensors: Sequence[HallSensor], offsets: FloatArray, gain: float, play: float, seed: np.random.SeedSequence
+        self,
+        sensors: Sequence[HallSensor],
+        offsets: FloatArray,
+        gain: float,
+        play: float,
+        seed: np.random.SeedSequence,
+        noise: bool = True,
     ) -> None:
         self._sensors, self._offsets, self._gain, self._half = tuple(sensors), offsets, gain, 0.5 * play
+        self._noisy = noise
         self._noise = np.random.default_rng(seed)
         self._seen: FloatArray | None = None  # newest, for the play
 
     def read(self, angles: FloatArray) -> FloatArray:
-        """(n, 2 joints) V for the angles (n, joints) at the sensors, rad."""
+        """(n, sensors) V for the joint angles (n, sensors) at them, rad."""
         seen = self._follow(angles * (1.0 + self._gain))
-        volts = np.column_stack([sensor.voltage(seen[:, k // 2]) for k, sensor in enumerate(self._sensors)])
+        volts = np.column_stack([sensor.voltage(seen[:, k]) for k, sensor in enumerate(self._sensors)])
         sigma, step = (
             np.array([getattr(sensor, name) for sensor in self._sensors]) for name in ("noise", "resolution")
         )
-        volts += self._offsets + sigma * self._noise.standard_normal(volts.shape)
+        volts += self._offsets
+        if self._noisy:
+            volts += sigma * self._noise.standard_normal(volts.shape)
         low, high = np.array([sensor.hall_range for sensor in self._sensors]).T
         volts = np.clip(volts, low, high)
         return np.where(step > 0.0, np.round(volts / np.where(step > 0.0, step, 1.0)) * step, volts)

@@ -1,4 +1,4 @@
-"""What the simulated hands share: an MPU6050 on each link, what can be chosen, and samples from a motion.
+"""What the simulated hands share: an MPU6050 on each link, what can be chosen, and the samples of a motion.
 
 Scenarios begin with a zero pose in which everything is still; tau counts from its end. Section 3 of the specification
 of the passive complementary filter on IMU pairs (Santaera et al. 2015).
@@ -7,7 +7,7 @@ of the passive complementary filter on IMU pairs (Santaera et al. 2015).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from jointest_ros.core.frame import FloatArray, Recording, Vec3
 from jointest_ros.core.params import param
 from jointest_ros.core.robot import Robot, Sensor
+from jointest_ros.sim.hall import HallReadout
 from jointest_ros.sim.imu import GRAVITY, Imu, ImuNoise, random_mounting
 from jointest_ros.sim.motion import LinkMotion, Signal, sine, smoothstep
 from jointest_ros.sim.simulated import SimulatedRobot, SimulationOptions
@@ -36,28 +37,34 @@ MAG_NOISE = 30e-9  # tesla/sqrt(Hz), .3 uT a sample at 100 Hz; the specification
 
 
 @dataclass(frozen=True)
-class HandOptions(SimulationOptions):
-    """What can be chosen of the recording of any hand."""
+class ImuOptions(SimulationOptions):
+    """What can be chosen of the recording of anything with IMUs."""
 
     zero_pose_s: float = param(10.0, "time at the start during which everything is still", unit="s", low=0.0)
-    mounting: str = param(
-        "ideal", "all IMUs aligned with their links, or each turned by up to 10 deg", choices=("ideal", "mounted")
-    )
     noise: bool = param(True, "white noise of all sensors")
     bias: bool = param(True, "gyro biases of up to 3 deg/s a component, and their random walk")
     gyro_scale: float = param(
         0.0, "error of the scale of each gyro axis, uniform in +- this share of it", low=0.0, high=0.5
     )
-    lever_arm: bool = param(True, "sensors at their places; false: all at the palm's reference point")
     accel_bias_mg: float = param(
         0.0, "norm of a constant accelerometer bias in a random direction for each IMU", unit="mg", low=0.0
     )
+
+
+@dataclass(frozen=True)
+class HandOptions(ImuOptions):
+    """What can be chosen of the recording of any hand."""
+
+    mounting: str = param(
+        "ideal", "all IMUs aligned with their links, or each turned by up to 10 deg", choices=("ideal", "mounted")
+    )
+    lever_arm: bool = param(True, "sensors at their places; false: all at the palm's reference point")
     mag: bool = param(False, "magnetometers as well, in an undisturbed field")
 
 
 @dataclass(frozen=True, slots=True)
 class HandRecording(SimulatedRobot):
-    """The recording of a hand with its ground truth.
+    """The recording of IMUs on moving links with its ground truth.
 
     Attributes:
         orientation: sensor -> (T, 4) true rotation sensor to world, x, y, z, w.
@@ -76,21 +83,33 @@ class HandRecording(SimulatedRobot):
 Motion = Callable[[FloatArray], tuple[Mapping[str, Signal], Mapping[str, LinkMotion]]]
 
 
-def palm_turns(tau: FloatArray) -> list[Signal]:
-    """The angles (rad) of `PALM_TURNS` at `tau`, s."""
-    onset = smoothstep(tau, PALM_ONSET_S)
+def palm_turns(tau: FloatArray, rise: Callable[[FloatArray, float], Signal] = smoothstep) -> list[Signal]:
+    """The angles (rad) of `PALM_TURNS` at `tau`, s, that set in with `rise`."""
+    onset = rise(tau, PALM_ONSET_S)
     return [onset * sine(tau, frequency_hz) * math.radians(amplitude) for _, amplitude, frequency_hz in PALM_TURNS]
 
 
 def stretches(options: HandOptions, robot: Robot, motion: Motion, chunk_s: float) -> Iterator[HandRecording]:
     """The recording in consecutive stretches of `chunk_s` seconds; `robot` has its sensors ideally mounted."""
     robot, imus = _instrument(options, robot)
+    yield from measured(options, robot, imus, motion, chunk_s)
+
+
+def measured(
+    options: SimulationOptions,
+    robot: Robot,
+    imus: Sequence[Imu],
+    motion: Motion,
+    chunk_s: float,
+    hall: HallReadout | None = None,
+) -> Iterator[HandRecording]:
+    """What `imus` (one for each sensor of the robot) and Hall sensors say of a motion, in stretches of `chunk_s` s."""
     samples, size = round(options.duration_s * options.rate_hz), max(1, round(chunk_s * options.rate_hz))
     for start in range(0, samples, size):
         # one instant more than samples: the first gyro sample covers the interval before it
         instants = np.arange(start - 1, min(start + size, samples))
         stamps = np.round(instants * (1e9 / options.rate_hz)).astype(np.int64)
-        yield _measure(options, robot, imus, stamps, motion)
+        yield _measure(options.rate_hz, robot, imus, stamps, motion, hall)
 
 
 def _instrument(options: HandOptions, robot: Robot) -> tuple[Robot, list[Imu]]:
@@ -126,20 +145,31 @@ def _instrument(options: HandOptions, robot: Robot) -> tuple[Robot, list[Imu]]:
 
 
 def _measure(
-    options: HandOptions, robot: Robot, imus: list[Imu], stamps: NDArray[np.int64], motion: Motion
+    rate_hz: float,
+    robot: Robot,
+    imus: Sequence[Imu],
+    stamps: NDArray[np.int64],
+    motion: Motion,
+    hall: HallReadout | None,
 ) -> HandRecording:
-    """The samples at stamps[1:]."""
+    """The samples at stamps[1:]; those of gyros and accelerometers were true earlier, by the delay of their sensor."""
     time: FloatArray = stamps.astype(np.float64) * 1e-9
     intervals = np.diff(time)
     angles, links = motion(time)
-    recording = Recording(stamps[1:], gyro={}, accel={}, period=np.full(len(intervals), 1.0 / options.rate_hz))
+    recording = Recording(stamps[1:], gyro={}, accel={}, period=np.full(len(intervals), 1.0 / rate_hz))
+    if hall is not None:
+        recording.hall = hall.read(np.column_stack([angles[sensor.joint].value[1:] for sensor in robot.hall]))
     orientation, gyro_bias, accel_bias, gyro_scale = {}, {}, {}, {}
+    delayed = {0.0: links}
     for sensor, imu in zip(robot.sensors, imus, strict=True):
-        link = links[sensor.link]
-        at_stamps = link.orientation[1:]
-        recording.gyro[sensor.name], gyro_bias[sensor.name] = imu.gyro(link.orientation, intervals)
-        recording.accel[sensor.name] = imu.accel(at_stamps, link.acceleration_at(sensor.position)[1:])
-        if options.mag:
+        if sensor.delay not in delayed:
+            delayed[sensor.delay] = motion(time - sensor.delay)[1]
+        at_stamps, link = links[sensor.link].orientation[1:], delayed[sensor.delay][sensor.link]
+        if sensor.gyro:
+            recording.gyro[sensor.name], gyro_bias[sensor.name] = imu.gyro(link.orientation, intervals)
+        if sensor.accel:
+            recording.accel[sensor.name] = imu.accel(link.orientation[1:], link.acceleration_at(sensor.position)[1:])
+        if sensor.mag:
             recording.mag[sensor.name] = imu.mag(at_stamps)
         orientation[sensor.name] = np.asarray((at_stamps * imu.mounting).as_quat())
         accel_bias[sensor.name], gyro_scale[sensor.name] = imu.accel_bias, imu.gyro_scale

@@ -78,6 +78,7 @@ class Imu:
         mounting: rotation sensor frame to link frame.
         accel_bias: (3,) m/s^2, sensor frame.
         gyro_scale, accel_scale: (3,) reading over rate and over acceleration of each axis.
+        accel_axes: (3, 3) before that: the acceleration along its axes, where they are not perpendicular.
     """
 
     def __init__(self, noise: ImuNoise, mounting: Rotation, rate_hz: float, seed: np.random.SeedSequence) -> None:
@@ -91,6 +92,7 @@ class Imu:
         offset, scale = calibration.uniform(-1.0, 1.0, (2, 3))
         self.accel_bias: FloatArray = noise.accel_bias * random_direction(accel_bias) + noise.accel_offset * offset
         self.accel_scale: FloatArray = 1.0 + noise.accel_scale * scale
+        self.accel_axes: FloatArray = np.eye(3)
 
     def gyro(self, orientation: Rotation, intervals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gyro samples and the biases in them, both (n, 3), rad/s, sensor frame.
@@ -116,7 +118,7 @@ class Imu:
         upward = orientation.apply([0.0, 0.0, GRAVITY], inverse=True)
         truth = self.mounting.apply(acceleration + upward, inverse=True)
         white = self._white(self._accel_noise, self.noise.accel_noise, truth)
-        noisy = truth * self.accel_scale + self.accel_bias + white
+        noisy = (truth @ self.accel_axes.T) * self.accel_scale + self.accel_bias + white
         return _read_out(noisy, self.noise.accel_resolution, self.noise.accel_range)
 
     def mag(self, orientation: Rotation) -> FloatArray:

@@ -120,13 +120,13 @@ class LinkMotion:
 
 
 def tree_motion(robot: Robot, root: LinkMotion, angles: Mapping[str, Signal]) -> dict[str, LinkMotion]:
-    """The motion of every link that hangs on the robot's first root, which moves as `root`; angles (rad) by coordinate.
+    """The motion of every link; those without a parent move as `root`; angles (rad) by coordinate.
 
     A roll-articular joint is two revolutes of half the angle, with its virtual link between them.
     """
-    first = robot.ordered_joints[0].parent
-    links = {first: root}
-    for joint in robot.joints_below(first):
+    children = {joint.child for joint in robot.joints}
+    links = {link: root for link in robot.links if link not in children}
+    for joint in robot.ordered_joints:
         link, place = links[joint.parent], joint.origin
         if joint.roll_link is not None:
             half = angles[joint.name] * 0.5

@@ -17,7 +17,7 @@ from jointest_ros.config import Configuration
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.params import Params, param, reject_unknown
-from jointest_ros.sim.scenarios import SCENARIOS
+from jointest_ros.sim.scenarios import OWN, OWN_OPTIONS, SCENARIOS
 from jointest_ros.view.urdf import robot_urdf, root_link
 
 PACKAGE = "jointest_ros"
@@ -38,8 +38,9 @@ class LaunchArguments(Params):
     )
     source: str = param(
         ROBOT,
-        "robot: nothing is started, the topics come from a real one; else the rig that is simulated",
-        choices=(ROBOT, *SCENARIOS),
+        "robot: nothing is started, the topics come from a real one; config: the robot of the configuration is "
+        "simulated; else the rig that is simulated",
+        choices=(ROBOT, *SCENARIOS, OWN),
     )
     bag: str = param("", "path of a recording to play instead of the source")
     scenario: str = param("", "motion of the simulated rig; empty: its usual one")
@@ -192,8 +193,12 @@ def _hardware(arguments: LaunchArguments, namespace: str, estimators: int, clock
         options: dict[str, Any] = {"rate_hz": arguments.rate_hz, "seed": arguments.seed}
         if arguments.scenario:
             options["scenario"] = arguments.scenario
-        SCENARIOS[arguments.source].options.from_mapping(options)
         parameters = {"source": arguments.source, **options}
+        if arguments.source == OWN:
+            OWN_OPTIONS.from_mapping(options)
+            parameters["config"] = _path(arguments.config)
+        else:
+            SCENARIOS[arguments.source].options.from_mapping(options)
     parameters |= {"speed": arguments.speed, "loop": arguments.loop, "clock": bool(clock)}
     # each estimator hears the recording from its first message on
     parameters |= {"wait_for_subscribers": estimators, **clock}

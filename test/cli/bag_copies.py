@@ -1,7 +1,8 @@
-"""Recordings like others, but for some messages."""
+"""Recordings like others, but for some messages or their end."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,3 +25,16 @@ def copied(source: Path, target: Path, change: Change) -> Path:
                 writer.add_topic(topic, reader.topics[topic])
             writer.write(topic, time, changed)
     return target
+
+
+def cut(bag: Path, share: float) -> Path:
+    """The recording itself (mcap), broken off: only this share of its file is left."""
+    (file,) = bag.glob("*.mcap")
+    with file.open("rb+") as stream:
+        stream.truncate(int(file.stat().st_size * share))
+    return bag
+
+
+def broken_off(source: Path, target: Path, share: float) -> Path:
+    """A copy that is `cut`."""
+    return cut(Path(shutil.copytree(source, target)), share)

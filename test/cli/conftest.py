@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from bag_copies import cut
 
 from jointest_ros.cli.main import main
 
@@ -76,7 +77,4 @@ def damaged(tmp_path: Path) -> Path:
     """A recording of 40 s that broke off; its configuration is that of `finger`."""
     path = tmp_path / "damaged"
     assert call("simulate", "finger", "-o", path, "--rate", 100, "--duration", 40, "--zero-pose", 2).code == 0
-    (file,) = path.glob("*.mcap")
-    with file.open("rb+") as stream:
-        stream.truncate(int(file.stat().st_size * 0.6))
-    return path
+    return cut(path, 0.6)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from bag_copies import broken_off
 
 from jointest_ros import config
 from jointest_ros.bags.cdr import decode_imu
@@ -208,10 +209,7 @@ def test_other_sections_of_the_calibration_stay(jointest: Jointest, recordings: 
 
 
 def test_a_damaged_recording_gives_what_it_can(jointest: Jointest, recordings: Path, arm: Path, tmp_path: Path) -> None:
-    bag = copied(recordings / "poses_xyz", tmp_path / "run", lambda topic, time, accel: accel)
-    (file,) = bag.glob("*.mcap")
-    with file.open("rb+") as stream:
-        stream.truncate(int(file.stat().st_size * 0.9))
+    bag = broken_off(recordings / "poses_xyz", tmp_path / "run", 0.9)
     result = jointest("calibrate", "accel", bag, "-c", arm)
     assert result.code == 2
     assert result.err.splitlines()[-1].endswith("the calibration rests on what came before")

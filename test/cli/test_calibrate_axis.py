@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bag_copies import Change, copied
+from bag_copies import Change, broken_off, copied
 
 from jointest_ros import config
 from jointest_ros.bags.cdr import decode_imu
@@ -235,11 +235,7 @@ def test_recordings_without_imus_are_refused(jointest: Jointest, run: Path, robo
 
 
 def test_a_damaged_recording_gives_what_it_can(jointest: Jointest, run: Path, robot: Path, tmp_path: Path) -> None:
-    bag = copied(run, tmp_path / "run", lambda topic, time, data: data)
-    (file,) = bag.glob("*.mcap")
-    with file.open("rb+") as stream:
-        stream.truncate(int(file.stat().st_size * 0.8))
-    result = jointest("calibrate", "axis", bag, "-c", robot)
+    result = jointest("calibrate", "axis", broken_off(run, tmp_path / "run", 0.8), "-c", robot)
     assert result.code == 2
     assert result.err.splitlines()[-1].endswith("the calibration rests on what came before")
     assert max(axis_errors(robot, run).values()) < 0.09

@@ -88,7 +88,7 @@ def test_no_matching_topic(refused: Run, finger: Path, finger_yaml: Path, tmp_pa
     assert "/imu/palm" in text
 
 
-def test_configurations_that_are_none(refused: Run, finger: Path, finger_yaml: Path, tmp_path: Path) -> None:
+def test_configurations_that_are_none(refused: Run, finger: Path, tmp_path: Path) -> None:
     wrong = tmp_path / "robot.yaml"
     assert refused(finger, wrong) == f"{wrong}: no such configuration file"
     for content, expected in {

@@ -53,7 +53,7 @@ def copied(bag: Path, to: Path, change: Callable[[str, int, bytes], list[tuple[s
     return to
 
 
-def test_the_json_has_exactly_the_keys_of_the_design(jointest: Jointest, finger: Path, finger_yaml: Path) -> None:
+def test_the_keys_of_the_json_are_these(jointest: Jointest, finger: Path, finger_yaml: Path) -> None:
     document = figures(jointest, finger, "-c", finger_yaml)
     assert set(document) == {"schema", "bag", "duration_s", "estimators", "input", "settings", "versions"}
     assert set(document["settings"]) == {"skip_s", "moving", "namespace", "robot", "estimators"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -116,3 +117,65 @@ def test_where_nothing_can_be_written(jointest: Jointest, tmp_path: Path) -> Non
     assert sorted(file.name for file in tmp_path.iterdir()) == ["file", "folder.yaml"]
     text = jointest("simulate", "finger", "-o", tmp_path, "--overwrite", *QUICK).refusal()
     assert text == f"{tmp_path}: exists already and is not a bag; it is not overwritten"
+
+
+# ----------------------------------------------------------------- one's own robot
+
+OWN = """
+robot:
+  links: [a, b, c]
+  joints: {ab: {parent: a, child: b, axis: x, limits_deg: [0, 80]}, bc: {parent: b, child: c, axis: [0, 1, 1]}}
+sensors:
+  a: {topic: /imus, frame_id: a, mounting: {rpy_deg: [0, 0, 90]}}
+  b: {topic: /imus, frame_id: b, mag: true}
+  c: {topic: hand/c, delay_ms: 10}
+hall: [{joint: ab}, {joint: ab, mirrored: true}, {joint: bc}]
+estimators: {pcf: {zero_at_start: true}}
+"""
+OWN_QUICK = ("--rate", 100, "--duration", 12, "--zero-pose", 2)
+
+
+def test_own_robot(jointest: Jointest, tmp_path: Path) -> None:
+    path, bag = tmp_path / "own.yaml", tmp_path / "run"
+    path.write_text(OWN, encoding="utf-8")
+    result = jointest("simulate", "config", path, "-o", bag, *OWN_QUICK)
+    assert (result.code, result.err) == (0, "")
+    assert "12 s at 100 Hz, 7200 messages" in result.out
+    assert f"next: jointest evaluate {bag} --config {path}" in result.out
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["own.yaml", "run"]
+    with BagReader(bag) as reader:
+        assert reader.counts == {
+            "/imus": 2400,
+            "/hand/c": 1200,
+            "/mag/b": 1200,
+            "/hall_voltages": 1200,
+            "/ground_truth/joint_states": 1200,
+        }
+    found = json.loads(jointest("evaluate", bag, "--config", path, "--skip", 2, "--json", "-").out)
+    assert {name: joint["rmse_deg"] < 0.5 for name, joint in found["estimators"]["pcf"]["joints"].items()} == {
+        "ab": True,
+        "bc": True,
+    }
+    inspected = jointest("inspect", bag, "--config", path)
+    assert inspected.code == 0, inspected.out
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "expected"),
+    [
+        (None, (), "{path}: no such configuration file"),
+        ("robot: {links: [a]}", (), "robot.joints: none; "),
+        (OWN.replace("[0, 80]", "[5, 80]"), (), "robot.joints.ab.limits_deg: 5 to 80 is not allowed; "),
+        (OWN, ("--up", "w"), "up: 'w' is not allowed; give one of z, -z"),
+        (OWN, ("--rate", 5), "rate_hz: 5.0 is not allowed; give 10 to 1000 Hz"),
+    ],
+)
+def test_own_robots_that_are_refused(
+    text: str | None, options: Any, expected: str, jointest: Jointest, tmp_path: Path
+) -> None:
+    path = tmp_path / "own.yaml"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    result = jointest("simulate", "config", path, "-o", tmp_path / "run", *options)
+    assert result.refusal().startswith(expected.format(path=path))
+    assert not (tmp_path / "run").exists()

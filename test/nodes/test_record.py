@@ -174,7 +174,7 @@ def test_a_full_disk_ends_it_and_the_recording_is_sound(
     assert sum(len(messages) for messages in read(tmp_path / "run").values()) > 1000
 
 
-def test_a_target_that_is_there_is_refused(bench: Bench, finger_config: Path, tmp_path: Path) -> None:
+def test_a_target_that_is_there_is_refused(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(BagError, match="exists already"):
         Recorder(tmp_path / "run", Wanted({}), context=bench.context)

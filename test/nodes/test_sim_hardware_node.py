@@ -25,8 +25,10 @@ from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.nodes.messages import CLASSES
 from jointest_ros.nodes.playback import SimulatedPlayback, sources
 from jointest_ros.nodes.sim_hardware_node import PlayParams
-from jointest_ros.sim.scenarios import SCENARIOS
+from jointest_ros.sim.scenarios import OWN, OWN_OPTIONS, SCENARIOS
+from jointest_ros.sim.simulated import SimulationError
 
+BROAD = Path(__file__).resolve().parents[2] / "config" / "broad.yaml"
 FINGER = {"source": "finger", "rate_hz": 100.0, "duration_s": 1.0}
 TOPICS = ("imu/palm", "imu/proximal", "imu/middle", "imu/distal", "ground_truth/joint_states")
 
@@ -112,6 +114,27 @@ def test_after_a_standstill_all_that_is_due_is_sent(bench: Bench) -> None:
         pass  # somebody else has the processor
     bench.until(lambda: hardware.finished and sum(map(len, arrived.values())) == 500, "all 500 messages")
     assert [len(messages) for messages in arrived.values()] == [100] * 5
+
+
+def test_own_robot_is_played_into_its_estimator(bench: Bench, tmp_path: Path) -> None:
+    """A hinge whose second sensor is turned by 90 deg on its link, and is late."""
+    path = tmp_path / "own.yaml"
+    path.write_text(
+        "robot: {links: [a, b], joints: {ab: {parent: a, child: b, axis: y, limits_deg: [-20, 100]}}}\n"
+        "sensors: {a: {topic: /lab/base}, b: {mounting: {rpy_deg: [0, 0, 90]}, delay_ms: 10}}\n"
+        "estimators: {pcf: {zero_at_start: true}}\n",
+        encoding="utf-8",
+    )
+    truth, states = bench.listen("ground_truth/joint_states"), bench.listen()
+    bench.estimator(path)
+    hardware = bench.hardware(source="config", config=str(path), duration_s=6.0, zero_pose_s=1.5, speed=8.0)
+    bench.until(lambda: hardware.finished and len(truth) == 600 and len(states) > 590, "the end")
+    angles = {stamp(state): state.position[0] for state in truth}
+    found = {stamp(state): state.position[0] for state in states}
+    assert np.ptp(list(angles.values())) > np.radians(60.0)
+    both = sorted(set(angles) & set(found))
+    assert len(both) > 500
+    assert max(abs(np.degrees(angles[one] - found[one])) for one in both) < 1.0
 
 
 # ----------------------------------------------------------------- how it is controlled
@@ -210,10 +233,14 @@ def test_damaged_recording_is_played_as_far_as_it_goes(bench: Bench, finger_bag:
         ({"source": "finger", "sped": 2.0}, "sped: unknown parameter; did you mean 'speed'?"),
         ({"rate_hz": 100.0}, "rate_hz: unknown parameter"),
         ({"source": "finger", "seed": {}}, "seed: {} is not allowed"),
+        ({"source": "config"}, "config: '' is not allowed with source config; give the path of a configuration"),
+        ({"source": "config", "config": "nowhere.yaml"}, "nowhere.yaml: no such configuration file"),
+        ({"source": "config", "config": str(BROAD)}, "robot.joints: none; "),
+        ({"source": "config", "config": str(BROAD), "scenario": "PA"}, "scenario: unknown parameter"),
     ],
 )
 def test_bad_parameters(bench: Bench, parameters: dict[str, Any], message: str) -> None:
-    with pytest.raises((ConfigurationError, BagError)) as raised:
+    with pytest.raises((ConfigurationError, BagError, SimulationError)) as raised:
         bench.hardware(**parameters)
     assert str(raised.value).startswith(message)
     assert "\n" not in str(raised.value)
@@ -238,7 +265,8 @@ def test_recording_with_topics_of_other_types(bench: Bench, tmp_path: Path) -> N
 
 def test_every_rig_can_be_a_source() -> None:
     """Its options are parameters beside those of the node: no name twice, and every message type is known."""
-    assert set(sources()) == {"bag", *SCENARIOS}
+    assert set(sources()) == {"bag", OWN, *SCENARIOS}
+    assert not set(PlayParams.__dataclass_fields__) & set(OWN_OPTIONS.__dataclass_fields__)
     for rig in SCENARIOS.values():
         assert not set(PlayParams.__dataclass_fields__) & set(rig.options.__dataclass_fields__)
         assert set(SimulatedPlayback(rig, rig.options()).topics.values()) <= set(CLASSES)

@@ -128,6 +128,17 @@ def test_own_configuration_needs_no_urdf(tmp_path: Path) -> None:
     assert '<joint name="ab" type="continuous">' in str(started[1].parameters["robot_description"])
 
 
+def test_own_robot_can_be_simulated() -> None:
+    """Nothing but its configuration is needed: sensors, estimator, and the truth beside it."""
+    own = PROJECT / "config" / "song_roll.yaml"
+    started = plan("robot", config=str(own), source="config", rate_hz="200", seed="3")
+    chosen = {"source": "config", "config": str(own), "rate_hz": 200.0, "seed": 3, "wait_for_subscribers": 1}
+    assert chosen.items() <= started[0].parameters.items()
+    assert "scenario" not in started[0].parameters
+    assert all(one.parameters["use_sim_time"] is True for one in started)
+    assert set(drawn(started)) == {"", "truth/"}
+
+
 def test_robots_in_namespaces_have_transforms_of_their_own() -> None:
     started = plan("exoshell", namespace="/b/")
     frames = {"/tf": "/b/tf", "/tf_static": "/b/tf_static"}
@@ -149,6 +160,7 @@ def test_robots_in_namespaces_have_transforms_of_their_own() -> None:
         ("finger", {"estimators": "pcf, kcf"}, r"estimators.kcf: unknown estimator; did you mean 'kckf'\?"),
         ("finger", {"source": "elbow"}, r"source: 'elbow' is not allowed; give one of robot, finger"),
         ("finger", {"scenario": "PX"}, r"scenario: 'PX' is not allowed; give one of PA"),
+        ("finger", {"source": "config"}, r"scenario: unknown key; allowed: "),
         ("finger", {"rate_hz": "5"}, r"rate_hz: 5.0 is not allowed; give 100 to 1000 Hz"),
         ("finger", {"seed": "one"}, r"seed: 'one' is not allowed; give a whole number, a number"),
         ("finger", {"rviz": "maybe"}, r"rviz: 'maybe' is not allowed; give true or false"),
