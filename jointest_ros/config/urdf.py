@@ -15,14 +15,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jointest_ros.config import values as read
+from jointest_ros.config.urdf_elements import FREE, TURNING, Edge, name_of, read_joint
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Quat, Vec3
 from jointest_ros.core.robot import Joint, Sensor
-from jointest_ros.core.rotation import IDENTITY, dot, from_rpy, multiply, norm, rotate, unit
+from jointest_ros.core.rotation import IDENTITY, dot, multiply, rotate, unit
 
-_TURNING = ("revolute", "continuous")
-_FREE = ("floating", "planar")
-_TYPES = (*_TURNING, *_FREE, "prismatic", "fixed")
 _TWO_TURNS = 4.0 * math.pi
 _WORLD = "world"
 _CONTAINED = ("visual", "collision", "inertial")
@@ -48,21 +46,6 @@ class UrdfRobot:
     folded: dict[str, list[str]] = field(default_factory=dict)
     mimics: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Edge:
-    """A joint of the URDF: the child's frame in the parent's."""
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    at: Vec3
-    turn: Quat
-    axis: Vec3
-    limits: tuple[float, float] | None
-    mimics: str
 
 
 @dataclass
@@ -103,8 +86,8 @@ def _parse(text: str, imus: Collection[str]) -> UrdfRobot:
         "xacro" in one.tag.partition("}")[0] or any("${" in text for text in one.attrib.values()) for one in root.iter()
     ):
         raise ConfigurationError("it is a xacro file; make the URDF first: xacro FILE > robot.urdf")
-    links = [_name(link, "link") for link in root.iter("link") if link in list(root)]
-    edges = [_edge(joint) for joint in root.findall("joint")]
+    links = [name_of(link, "link") for link in root.iter("link") if link in list(root)]
+    edges = [read_joint(joint) for joint in root.findall("joint")]
     for what, names in (("link", links), ("joint", [edge.name for edge in edges])):
         if repeated := [name for name in names if names.count(name) > 1]:
             raise ConfigurationError(f"{what} '{repeated[0]}' is given twice; names must differ")
@@ -116,7 +99,7 @@ def _parse(text: str, imus: Collection[str]) -> UrdfRobot:
         if name not in links:
             raise ConfigurationError(f"--imu: '{name}' is not a link; known: {', '.join(links)}")
     bare = {
-        _name(link, "link")
+        name_of(link, "link")
         for link in root.findall("link")
         if not any(link.find(tag) is not None for tag in _CONTAINED)
     }
@@ -133,8 +116,8 @@ def _gazebo_imus(root: xml.Element, links: Collection[str]) -> Iterator[str]:
             yield gazebo.get("reference", "")
 
 
-def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bare: Collection[str]) -> UrdfRobot:
-    children: dict[str, list[_Edge]] = {}
+def _robot(name: str, links: list[str], edges: list[Edge], imus: list[str], bare: Collection[str]) -> UrdfRobot:
+    children: dict[str, list[Edge]] = {}
     for edge in edges:
         children.setdefault(edge.parent, []).append(edge)
     below = {edge.child for edge in edges}
@@ -157,14 +140,14 @@ def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bar
             offset = rotate(place.turn, edge.at)
             at = (place.at[0] + offset[0], place.at[1] + offset[1], place.at[2] + offset[2])
             turn = multiply(place.turn, edge.turn)
-            if edge.kind in _TURNING:
+            if edge.kind in TURNING:
                 limits = (edge.limits,) if edge.limits is not None and edge.limits[0] < edge.limits[1] else None
                 axis = _tidy(rotate(turn, edge.axis))
                 continuous = edge.kind == "continuous"
                 joints.append(Joint(edge.name, place.link, edge.child, (axis,), limits, continuous, _tidy(at)))
                 waiting.append((edge.child, _Place(edge.child, turn=turn)))
                 continue
-            if edge.kind in _FREE:
+            if edge.kind in FREE:
                 warnings.append(f"joint '{edge.name}' is {edge.kind}: '{edge.child}' begins a tree of its own")
                 waiting.append((edge.child, _Place(edge.child)))
                 continue
@@ -181,16 +164,16 @@ def _robot(name: str, links: list[str], edges: list[_Edge], imus: list[str], bar
     sensors = tuple(Sensor(imu, places[imu].link, _tidy(places[imu].at), places[imu].turn) for imu in imus)
     kept = [link for link in dict.fromkeys(place.link for place in places.values()) if link not in merged]
     world = _WORLD if roots[0] == _WORLD and _WORLD not in bearing else ""
-    mimics = {edge.name: edge.mimics for edge in edges if edge.mimics and edge.kind in _TURNING}
+    mimics = {edge.name: edge.mimics for edge in edges if edge.mimics and edge.kind in TURNING}
     return UrdfRobot(name, tuple(kept), tuple(joints), sensors, world, folded, mimics, warnings)
 
 
-def _doubts(edges: list[_Edge], roots: list[str]) -> Iterator[str]:
+def _doubts(edges: list[Edge], roots: list[str]) -> Iterator[str]:
     """What may not be as it was meant, one line each."""
     for root in roots[1:]:
         yield f"link '{root}' is a second root: no joint moves it"
     for edge in edges:
-        if edge.mimics and edge.kind in _TURNING:
+        if edge.mimics and edge.kind in TURNING:
             yield (
                 f"joint '{edge.name}' mimics one ({edge.mimics}): that is not used, it is estimated like the others; "
                 f"without a sensor on '{edge.child}' take it out"
@@ -237,75 +220,6 @@ def _merged(
 def _limits(chain: list[Joint]) -> tuple[tuple[float, float], ...] | None:
     pairs = [one.limits[0] for one in chain if one.limits is not None]
     return tuple(pairs) if len(pairs) == len(chain) else None
-
-
-# ---------------------------------------------------------------- elements
-
-
-def _edge(joint: xml.Element) -> _Edge:
-    name, kind = _name(joint, "joint"), joint.get("type", "")
-    where = f"joint '{name}'"
-    if kind not in _TYPES:
-        raise ConfigurationError(f"{where}: type '{kind}' is not allowed; give one of {', '.join(_TYPES)}")
-    parent, child = (_attribute(joint, tag, "link", where) for tag in ("parent", "child"))
-    origin, axis, limit = joint.find("origin"), joint.find("axis"), joint.find("limit")
-    at = _numbers(origin, "xyz", where, (0.0, 0.0, 0.0))
-    turn = from_rpy(*_numbers(origin, "rpy", where, (0.0, 0.0, 0.0)))
-    direction = _numbers(axis, "xyz", where, (1.0, 0.0, 0.0))
-    if kind in _TURNING and norm(direction) < 1e-9:
-        raise ConfigurationError(f"{where}: its axis has no length")
-    limits = None
-    if limit is not None and kind == "revolute":
-        low, high = (_number(limit.get(key, "0"), f"{where}: limit") for key in ("lower", "upper"))
-        limits = (low, high) if low != high else None
-    direction = unit(direction) if norm(direction) else direction
-    return _Edge(name, kind, parent, child, at, turn, direction, limits, _mimicked(joint, where))
-
-
-def _mimicked(joint: xml.Element, where: str) -> str:
-    """The angle that a <mimic> gives a joint, such as 0.5 knee + 0.1 rad; "": it has none."""
-    mimic = joint.find("mimic")
-    if mimic is None:
-        return ""
-    master = _attribute(joint, "mimic", "joint", where)
-    multiplier, offset = (
-        _number(mimic.get(key, usual), f"{where}: mimic {key}") for key, usual in (("multiplier", "1"), ("offset", "0"))
-    )
-    scaled = master if multiplier == 1.0 else f"{multiplier:g} {master}"
-    return f"{scaled} {'-' if offset < 0 else '+'} {abs(offset):g} rad" if offset else scaled
-
-
-def _name(element: xml.Element, what: str) -> str:
-    name = element.get("name")
-    if not name:
-        raise ConfigurationError(f"a <{what}> has no name")
-    return name
-
-
-def _attribute(joint: xml.Element, tag: str, key: str, where: str) -> str:
-    element = joint.find(tag)
-    if element is None or not element.get(key):
-        raise ConfigurationError(f'{where}: <{tag} {key}="..."/> is missing')
-    return element.get(key, "")
-
-
-def _numbers(element: xml.Element | None, key: str, where: str, default: Vec3) -> Vec3:
-    if element is None or element.get(key) is None:
-        return default
-    values = [_number(part, f"{where}: {key}") for part in element.get(key, "").split()]
-    if len(values) != len(default):
-        raise ConfigurationError(f"{where}: {key} '{element.get(key)}' is not allowed; give three numbers")
-    return values[0], values[1], values[2]
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigurationError(f"{where} '{text}' is not allowed; give a number")
-    return value
 
 
 def _tidy(vector: Vec3) -> Vec3:
