@@ -12,6 +12,7 @@ from typing import Any
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_topic_name import validate_topic_name
@@ -170,9 +171,16 @@ class EstimatorNode(Node):
             name = topic if topic.startswith("/") else prefix + topic
             validate_topic_name(name)  # which says more than resolving does
             graph = InputTopic(self, self.resolve_topic_name(name), msgtype, reliable, len(self.intake.sources(topic)))
+            if graph.name in {one.topic_name for one in self.publishers}:
+                raise ConfigurationError(f"{graph.name}: published by this node itself; give another topic")
             inputs[topic] = Input(self.intake, topic, graph)
             callback = partial(self._receive, self.intake.handlers[topic], inputs[topic])
-            self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True, event_callbacks=events)
+            try:
+                self.create_subscription(CLASSES[msgtype], name, callback, qos, raw=True, event_callbacks=events)
+            except rclpy_implementation.RCLError:  # its text is no help: "invalid allocator"
+                raise ConfigurationError(
+                    f"{graph.name}: not to be had as {msgtype}: this process has it with another type"
+                ) from None
         return inputs
 
     # ------------------------------------------------------------- data

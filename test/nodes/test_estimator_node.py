@@ -360,3 +360,17 @@ def test_names_of_attributes_are_not_those_of_rclpy(bench: Bench, finger_config:
         own |= set(vars(node)) - set(vars(plain))
         assert own & taken == {"destroy_node"}
     plain.destroy_node()
+
+
+def test_an_input_that_is_an_output_is_refused(bench: Bench, finger_config: Path, tmp_path: Path) -> None:
+    text = finger_config.read_text(encoding="utf-8")
+    path = tmp_path / "finger.yaml"
+    path.write_text(text.replace("  palm: {position", "  palm: {topic: joint_states, position"), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"/joint_states: published by this node itself; give another topic$"):
+        bench.estimator(path)
+
+
+def test_an_input_that_the_process_has_with_another_type_is_refused(bench: Bench, finger_config: Path) -> None:
+    bench.probe.create_publisher(Float64MultiArray, "imu/palm", 10)
+    with pytest.raises(ConfigurationError, match=r"/imu/palm: not to be had as sensor_msgs/msg/Imu"):
+        bench.estimator(finger_config)
