@@ -137,7 +137,7 @@ def test_wide_limits_are_not_exhausted() -> None:
 # The filters turn by mean rates from stamp to stamp. What they neglect within dt = 1 ms are terms (w dt)^2 / 12 of the
 # rate: links that turn at 9 rad/s lose 6e-5 rad/s, of which some 3 s gather before gravity or a Hall sensor corrects
 # them: .01 deg. Half a digit of the Hall converter is .4 mV, at 100 deg/V .04 deg a reading, of which hundreds
-# count. Lengths are zero where an estimator leaves them out: pcf has no lever_arms about several axes and in rolling.
+# count. Lengths are zero where an estimator leaves them out: pcf has no lever_arms in absolute and in rolling.
 BAR = math.radians(0.02)
 
 
@@ -164,8 +164,6 @@ def test_without_noise_the_fitting_estimator_finds_the_angles(name: str, estimat
     position = filter_.run(made.recording).position
     assert set(filter_.joints) == set(robot.coordinates)
     for column, joint in zip(position.T, filter_.joints, strict=True):
-        if name == "biped" and "hip" in joint:
-            continue
         error = column - made.truth_position[:, made.joint_names.index(joint)]
         assert math.sqrt(np.mean(error[2000:] ** 2)) < BAR, joint
 

@@ -5,6 +5,7 @@ State        R (quaternion): frame B2 to frame B1 of a pair, or sensor to world 
 Prediction   W = W2 + I - R^T W1, R+ = R exp([W + dt/2 W2 x R^T W1]x dt)                   (17), (18); the second term
              makes it exact to the third order while both frames turn. Gyros are mean rates since the last sample.
 Correction   e = weight_a (a2 x R+^T a1) + weight_m (m2 x R+^T m1), vectors at length 1    (19), (20)
+             + weight_axes times that of two_axes.py, for a joint of two axes
              I += Ki e dt,  R = R+ exp([Kp e]x dt)                                         Alg. 2 steps 8 to 11
 For one IMU, B1 is the world: W1 = 0, a1 = +up, m1 = the field turned into the vertical plane through north (y).
 
@@ -37,12 +38,13 @@ STILL: Vec3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Gains:
-    """Kp 1/s, Ki 1/s^2 and the weights of the two corrections (no unit)."""
+    """Kp 1/s, Ki 1/s^2 and the weights of the three corrections (no unit)."""
 
     kp: float
     ki: float
     accel_weight: float
     mag_weight: float
+    axes_weight: float = 0.0
 
 
 class ComplementaryFilter:
@@ -64,12 +66,13 @@ class ComplementaryFilter:
         m1: Vec3 | None = None,
         m2: Vec3 | None = None,
         field_time: float = 0.0,
+        axes: Vec3 = STILL,
     ) -> Vec3:
         """One sample: gyros (rad/s), accelerometers, fields (any unit) in B1 and B2. Returns W, rad/s in B2.
 
         The gyros hold for the `elapsed` s since the last sample, the accelerometers for `measured` s of them (less
-        where samples are missing), the fields for `field_time` s (more where magnetometers are slower). Written out in
-        components: calls of `rotation.py` would cost half as much again.
+        where samples are missing), the fields for `field_time` s (more where magnetometers are slower). `axes` is
+        what is added to e. Written out in components: calls of `rotation.py` would cost half as much again.
         """
         gains = self.gains
         x, y, z, w = self.rotation
@@ -117,6 +120,9 @@ class ComplementaryFilter:
             k = gains.mag_weight * field_time / lengths if lengths > 0.0 else 0.0
             ux, uy, uz = cross(m2, rotate_inverse((x, y, z, w), m1))
             ex, ey, ez = ex + k * ux, ey + k * uy, ez + k * uz
+        if axes is not STILL:
+            k = gains.axes_weight * measured
+            ex, ey, ez = ex + k * axes[0], ey + k * axes[1], ez + k * axes[2]
         k = gains.ki
         self.integral = (ix + k * ex, iy + k * ey, iz + k * ez)
         # R+ exp([Kp e]x dt), for the small angles of one step
@@ -169,7 +175,7 @@ def joint_angles(axes: tuple[Vec3, ...], turned: Quat) -> tuple[float, ...]:
         return (_turn_about(axes[0], turned),)
     first, second = axes[0], axes[1]
     if len(axes) == 2:
-        one = _angle_about(first, second, rotate(turned, second))
+        one = angle_about(first, second, rotate(turned, second))
         return one, dot(log(multiply(about(first, -one), turned)), second)
     third = axes[2]
     image = rotate(turned, third)
@@ -178,7 +184,7 @@ def joint_angles(axes: tuple[Vec3, ...], turned: Quat) -> tuple[float, ...]:
         two = math.asin(max(-1.0, min(1.0, dot(first, image) / handed)))
     else:
         two = math.acos(max(-1.0, min(1.0, dot(first, image) * dot(first, third))))
-    one = _angle_about(first, rotate(about(second, two), third), image)
+    one = angle_about(first, rotate(about(second, two), third), image)
     rest = multiply(conjugate(multiply(about(first, one), about(second, two))), turned)
     return one, two, dot(log(rest), third)
 
@@ -213,7 +219,7 @@ def zero_rotation(axes: tuple[Vec3, ...], parent_accel: Vec3, child_accel: Vec3)
     More axes: the smallest rotation; what is about gravity cannot be seen.
     """
     if len(axes) == 1:
-        return about(axes[0], _angle_about(axes[0], child_accel, parent_accel))
+        return about(axes[0], angle_about(axes[0], child_accel, parent_accel))
     return between(child_accel, parent_accel)
 
 
@@ -235,6 +241,6 @@ def _turn_about(axis: Vec3, turned: Quat) -> float:
     return k * (axis[0] * x + axis[1] * y + axis[2] * z)
 
 
-def _angle_about(axis: Vec3, a: Vec3, b: Vec3) -> float:
+def angle_about(axis: Vec3, a: Vec3, b: Vec3) -> float:
     """Angle about `axis` that turns the part of `a` perpendicular to it into that of `b`."""
     return math.atan2(dot(axis, cross(a, b)), dot(a, b) - dot(a, axis) * dot(b, axis))

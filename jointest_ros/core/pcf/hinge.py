@@ -3,7 +3,7 @@
 State        [q, b]: joint angle (rad) and difference of the two gyro biases along the axis (rad/s).
 Input        rate w of hinge_inputs.py.
 Process      q+ = q + (w - b) dt, variance (N1^2 + N2^2) dt, N the gyro noise densities;
-             b a random walk of `bias_walk`^2 dt.
+             b a random walk of `bias.walk`^2 dt.
 Measurement  angle of hinge_inputs.py, less that of the zero pose; innovation y = angle - q, wrapped; variance
              R = (s1^2 + s2^2) / lever, s the accelerometer noise of one sample: it grows by itself as the axis comes
              near gravity, and inside a cone of `gravity_cone` the filter runs on the gyro alone.
@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointest_ros.core.frame import FloatArray, Frame, Recording, Status, Vec3
+from jointest_ros.core.pcf.angle_variance import UNKNOWN_VARIANCE
 from jointest_ros.core.pcf.hinge_inputs import HingeInputs
 from jointest_ros.core.pcf.imu import UNKNOWN_PERIOD, Gaps
-from jointest_ros.core.pcf.pair import START_VARIANCE, UNKNOWN_VARIANCE, JointOutput
+from jointest_ros.core.pcf.pair import START_VARIANCE, JointOutput
 from jointest_ros.core.pcf.settings import HingeNoise
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import wrap
@@ -64,7 +65,7 @@ class HingeFilter:
         self._middle = 0.5 * (low + high)
         # rad from the middle; beyond it the angle is on another branch
         self._reach = max(math.pi, 0.5 * (high - low)) if joint.limits else math.inf
-        self._bias_walk2 = noise.bias_walk**2
+        self._bias_walk2 = noise.bias.walk**2
         self.zero = 0.0  # rad, what the accelerometers read at the zero pose
         self.innovation = math.nan  # rad, of the latest correction
         self.innovation_variance = math.nan  # rad^2
@@ -72,7 +73,7 @@ class HingeFilter:
 
     def reset(self) -> None:
         """Forget the angle and the bias; the zero pose is kept."""
-        self.q, self.b, self.p11 = 0.0, 0.0, self.noise.bias_std**2
+        self.q, self.b, self.p11 = 0.0, 0.0, self.noise.bias.std**2
         self.inputs.reset()
         self.restart()
 

@@ -5,15 +5,14 @@ angle   atan2(j2 . (p2 x p1), p1 . p2), p1, p2 the parts of the accelerometers p
         into the child's frame at the zero pose).
 lever   |p1| |p2|: g^2 times the squared sine of the angle between axis and gravity, at rest.
 
-With `lever_arms` the accelerometers are moved to the joint first: a - T x r - W x (W x r), r the way from the joint to
-the sensor, T the change of the gyro over its interval. Both then measure the same specific force, whatever the motion.
+With `lever_arms` the accelerometers are moved to the joint first (lever_arm.py).
 Magnetometers add their own p1, p2 to sine and cosine, scaled to the length of the accelerometers.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +21,10 @@ from jointest_ros.core.pcf.attitude import STILL
 from jointest_ros.core.pcf.average import AccelAverage
 from jointest_ros.core.pcf.field import FieldWatch
 from jointest_ros.core.pcf.imu import Gaps
+from jointest_ros.core.pcf.lever_arm import Components, Scalar, arms, at_joint, change
 from jointest_ros.core.pcf.settings import HingeNoise
 from jointest_ros.core.robot import Joint, Sensor
 from jointest_ros.core.rotation import dot, perpendicular, rotate_inverse
-
-Scalar = TypeVar("Scalar", float, FloatArray)
-Components = tuple[Scalar, Scalar, Scalar]
 
 
 class HingeInputs:
@@ -41,9 +38,7 @@ class HingeInputs:
         u, v = perpendicular(joint.axes[0])
         self._j1, self._u1, self._v1 = (rotate_inverse(parent.mounting, a) for a in (joint.axes[0], u, v))
         self._j2, self._u2, self._v2 = (rotate_inverse(child.mounting, a) for a in (joint.axes[0], u, v))
-        x, y, z = (p - o for p, o in zip(parent.position, joint.origin, strict=True))
-        self._arm1 = rotate_inverse(parent.mounting, (x, y, z))
-        self._arm2 = rotate_inverse(child.mounting, child.position)
+        self._arm1, self._arm2 = arms(joint, parent, child)
         self._watches = FieldWatch(noise.smoothing.field), FieldWatch(noise.smoothing.field)
         self._averages = AccelAverage(noise.smoothing.accel_time), AccelAverage(noise.smoothing.accel_time)
         self._biases: tuple[Vec3, Vec3] | None = None  # rad/s, as measured at rest
@@ -73,11 +68,11 @@ class HingeInputs:
         if w1 is None or w2 is None or a1 is None or a2 is None:
             return None
         noise = self._noise
-        if noise.lever_arms:
+        if noise.smoothing.lever_arms:
             t1 = t2 = STILL
             if self.before is not None and elapsed <= 1.5 * frame.period:
-                t1, t2 = (_change(b, w, elapsed) for b, w in zip(self.before, (w1, w2), strict=True))
-            a1, a2 = _at_joint(a1, w1, t1, self._arm1), _at_joint(a2, w2, t2, self._arm2)
+                t1, t2 = (change(b, w, elapsed) for b, w in zip(self.before, (w1, w2), strict=True))
+            a1, a2 = at_joint(a1, w1, t1, self._arm1), at_joint(a2, w2, t2, self._arm2)
             self.before = w1, w2
         if noise.smoothing.accel_time and self._biases is not None:
             a1, a2 = (
@@ -124,15 +119,15 @@ class HingeInputs:
         """`read` of T frames with both sensors, without magnetometers and averages; `stamp` of the frame before, ns."""
         w1, w2 = _components(recording.gyro[self.parent]), _components(recording.gyro[self.child])
         a1, a2 = _components(recording.accel[self.parent]), _components(recording.accel[self.child])
-        if self._noise.lever_arms:
+        if self._noise.smoothing.lever_arms:
             stamps = recording.stamps
             elapsed = np.diff(stamps, prepend=stamps[0] if stamp is None else stamp) * 1e-9
             period = np.full(len(stamps), np.nan) if recording.period is None else recording.period
             regular = (elapsed > 0.0) & (elapsed <= 1.5 * period) & (elapsed <= self._gaps.max_gap)
             elapsed[~regular] = np.inf  # the change is not known, and is left out
             b1, b2 = self.before or (_row(w1, 0), _row(w2, 0))
-            a1 = _at_joint(a1, w1, _changes(b1, w1, elapsed), self._arm1)
-            a2 = _at_joint(a2, w2, _changes(b2, w2, elapsed), self._arm2)
+            a1 = at_joint(a1, w1, _changes(b1, w1, elapsed), self._arm1)
+            a2 = at_joint(a2, w2, _changes(b2, w2, elapsed), self._arm2)
             self.before = _row(w1, -1), _row(w2, -1)
         sine, cosine = self._in_plane(a1, a2)
         return self._rate(w1, w2), np.arctan2(sine, cosine), np.sqrt(sine * sine + cosine * cosine)
@@ -201,24 +196,3 @@ def _row(columns: Components[FloatArray], row: int) -> Vec3:
 def _changes(before: Vec3, now: Components[FloatArray], elapsed: FloatArray) -> Components[FloatArray]:
     x, y, z = (np.diff(column, prepend=first) / elapsed for column, first in zip(now, before, strict=True))
     return x, y, z
-
-
-def _change(before: Vec3, now: Vec3, elapsed: float) -> Vec3:
-    return (now[0] - before[0]) / elapsed, (now[1] - before[1]) / elapsed, (now[2] - before[2]) / elapsed
-
-
-def _at_joint(
-    accel: Components[Scalar], rate: Components[Scalar], turning: Components[Scalar], arm: Vec3
-) -> Components[Scalar]:
-    """a - T x r - W x (W x r): the specific force at the joint, of one sample or of T samples by components."""
-    ax, ay, az = accel
-    wx, wy, wz = rate
-    tx, ty, tz = turning
-    rx, ry, rz = arm
-    along = wx * rx + wy * ry + wz * rz
-    square = wx * wx + wy * wy + wz * wz
-    return (
-        ax - (ty * rz - tz * ry) - (wx * along - square * rx),
-        ay - (tz * rx - tx * rz) - (wy * along - square * ry),
-        az - (tx * ry - ty * rx) - (wz * along - square * rz),
-    )

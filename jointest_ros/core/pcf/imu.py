@@ -10,6 +10,7 @@ from jointest_ros.core.frame import Frame, Status, Vec3
 from jointest_ros.core.pcf.attitude import STILL, UP, ComplementaryFilter, Gains, heading_north, world_field
 from jointest_ros.core.pcf.average import AccelAverage
 from jointest_ros.core.pcf.field import FieldWatch
+from jointest_ros.core.pcf.lever_arm import at_joint, change
 from jointest_ros.core.pcf.settings import NO_SMOOTHING, Smoothing
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.rotation import between, exp, multiply
@@ -66,8 +67,9 @@ def bridge(before: Vec3, now: Vec3, elapsed: float, measured: float) -> Vec3:
 class Imu:
     """The samples of one sensor as a filter wants them, with the gyro bias removed that was calibrated at rest."""
 
-    def __init__(self, sensor: Sensor, smoothing: Smoothing) -> None:
-        self.sensor, self._name = sensor, sensor.name
+    def __init__(self, sensor: Sensor, smoothing: Smoothing, arm: Vec3 | None = None) -> None:
+        """`arm`: from the joint to the sensor, m in the sensor's frame; the accelerometer is moved along it."""
+        self.sensor, self._name, self._arm = sensor, sensor.name, arm
         self.average = AccelAverage(smoothing.accel_time) if smoothing.accel_time else None
         self.watch = FieldWatch(smoothing.field)
         self.reset()
@@ -86,7 +88,7 @@ class Imu:
         self.restart()
 
     def read(self, frame: Frame, elapsed: float, integral: Vec3) -> tuple[Vec3, Vec3] | None:
-        """(gyro without bias, accelerometer, averaged if wanted) or None where this frame has not both.
+        """(gyro without bias, accelerometer at the joint and averaged, if wanted) or None where one is missing.
 
         `elapsed` s since the sample before; NaN: it is the first one, or after a gap. `integral`: of the filter, rad/s,
         minus what it has found of the bias since.
@@ -96,6 +98,9 @@ class Imu:
             return None
         (x, y, z), (bx, by, bz) = gyro, self.bias
         rate = (x - bx, y - by, z - bz)
+        if self._arm is not None:
+            turning = change(self.before, rate, elapsed) if 0.0 < elapsed <= 1.5 * frame.period else STILL
+            accel = at_joint(accel, rate, turning, self._arm)
         if self.average is not None and self.bias != STILL:  # measured
             carried = (rate[0] + integral[0], rate[1] + integral[1], rate[2] + integral[2])
             accel = self.average.add(carried, accel, elapsed)

@@ -26,6 +26,12 @@ class PcfParams(Params):
     )
     accel_weight: float = param(1.0, "weight of the accelerometers in the correction", low=0.0, high=1e3)
     mag_weight: float = param(0.0, "weight of the magnetometers in the correction; 0: not used", low=0.0, high=1e3)
+    axes_weight: float = param(
+        0.3,
+        "weight, in the correction about gravity, of the two axes about which alone a joint of two axes turns",
+        low=0.0,
+        high=1e3,
+    )
     mag_norm_ut: float = param(
         0.0,
         "norm of the undisturbed field, to which mag_dip_deg belongs; 0: both are learnt at rest",
@@ -50,8 +56,8 @@ class PcfParams(Params):
     )
     lever_arms: bool = param(
         False,
-        "hinge: accelerations by the turning of the links are computed and removed; needs the positions of the sensors "
-        "and the origins of the joints",
+        "accelerations by the turning of the links are computed and removed; needs the positions of the sensors "
+        "and the origins of the joints; not for absolute",
     )
     bias_walk_dps: float = param(
         1e-4, "hinge: random walk of the gyro bias difference", unit="deg/s/sqrt(s)", low=0.0, high=10.0

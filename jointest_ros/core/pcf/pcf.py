@@ -21,13 +21,15 @@ from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Recording, Series, Status, Vec3
 from jointest_ros.core.learned import GYRO_DRIFT, Bias, Learned, by_axis, fingerprint, of_axes
+from jointest_ros.core.pcf.absolute import AbsolutePair
+from jointest_ros.core.pcf.angle_variance import UNKNOWN_VARIANCE
 from jointest_ros.core.pcf.attitude import STILL, Gains
 from jointest_ros.core.pcf.hinge import HingeFilter
 from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
-from jointest_ros.core.pcf.pair import UNKNOWN_VARIANCE, AbsolutePair, RelativePair
 from jointest_ros.core.pcf.pair_checks import PairCheck, PairChecks, verdict
 from jointest_ros.core.pcf.params import PcfParams
-from jointest_ros.core.pcf.settings import Field, HingeNoise, Smoothing
+from jointest_ros.core.pcf.relative import RelativePair
+from jointest_ros.core.pcf.settings import BiasNoise, Field, HingeNoise, Smoothing
 from jointest_ros.core.pcf.world import UPWARD, WorldPair, recording_with_world, with_world, world_sensor
 from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.stillness import Stillness
@@ -57,7 +59,7 @@ class Pcf(Estimator):
     def __init__(self, robot: Robot, params: PcfParams | None = None, timing: Timing | None = None) -> None:
         super().__init__(robot, params, timing)
         p = self.params
-        gains = Gains(p.kp, p.ki, p.accel_weight, p.mag_weight)
+        gains = Gains(p.kp, p.ki, p.accel_weight, p.mag_weight, p.axes_weight)
         gaps = Gaps(self.timing.max_gap, self.timing.stale_after, math.radians(p.gap_rate_dps))
         self._world = world_sensor(robot.world) if robot.world else None
         used = [(j, self._imu_on(j, j.parent), self._imu_on(j, j.child)) for j in robot.ordered_joints]
@@ -73,11 +75,12 @@ class Pcf(Estimator):
             elif p.formulation == "absolute":
                 below = self._imus_below(joint.child)
                 one, two = self._imus[parent.name], self._imus[child.name]
-                self._filters.append(AbsolutePair(joint, one, two, below, gains, gaps))
+                self._filters.append(AbsolutePair(joint, one, two, below, gains, gaps, self._bias_noise()))
             elif p.formulation == "hinge" and len(joint.axes) == 1:
                 self._filters.append(HingeFilter(joint, parent, child, self._hinge_noise(), gaps))
             else:
-                self._filters.append(RelativePair(joint, parent, child, gains, gaps, self._smoothing()))
+                noise = self._bias_noise()
+                self._filters.append(RelativePair(joint, parent, child, gains, gaps, noise, self._smoothing()))
         if not self._imus and not self._filters:
             raise ConfigurationError(
                 "robot: no joints between IMUs; pcf needs joints, or formulation: absolute and an IMU"
@@ -96,9 +99,7 @@ class Pcf(Estimator):
                 "give one, or three ([z, y, x]: yaw, pitch and roll)"
             )
         imu = self._imus.setdefault(child.name, AbsoluteImu(child, gains, gaps, self._smoothing()))
-        noise = self._hinge_noise()
-        below = self._imus_below(joint.child)
-        return WorldPair(joint, imu, below, gains, gaps, noise.bias_std)
+        return WorldPair(joint, imu, self._imus_below(joint.child), gains, gaps, self._bias_noise())
 
     def _imus_below(self, link: str) -> list[AbsoluteImu]:
         names = [self._imu_on(joint, joint.child).name for joint in self.robot.joints_below(link)]
@@ -118,20 +119,21 @@ class Pcf(Estimator):
     def _hinge_noise(self) -> HingeNoise:
         p = self.params
         return HingeNoise(
-            bias_walk=math.radians(p.bias_walk_dps),
-            bias_std=math.radians(p.bias_std_dps),
+            bias=self._bias_noise(),
             gravity_cone=math.radians(p.gravity_cone_deg),
             accel_weight=p.accel_weight,
             mag_weight=p.mag_weight,
             smoothing=self._smoothing(),
-            lever_arms=p.lever_arms,
         )
+
+    def _bias_noise(self) -> BiasNoise:
+        return BiasNoise(math.radians(self.params.bias_std_dps), math.radians(self.params.bias_walk_dps))
 
     def _smoothing(self) -> Smoothing:
         p = self.params
         dip = math.radians(p.mag_dip_tolerance_deg) if p.accel_weight else math.inf  # the dip is against accelerometers
         field = Field(p.mag_norm_tolerance, dip, 1e-6 * p.mag_norm_ut, math.radians(p.mag_dip_deg))
-        return Smoothing(p.accel_time, field)
+        return Smoothing(p.accel_time, field, p.lever_arms)
 
     # ------------------------------------------------------------- steps
 

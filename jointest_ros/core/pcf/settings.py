@@ -22,19 +22,26 @@ class Smoothing:
 
     accel_time: float  # s, over which accelerometers are averaged; 0: not at all
     field: Field
+    lever_arms: bool = False  # accelerations by the turning of the links are removed
 
 
 NO_SMOOTHING = Smoothing(0.0, Field(math.inf, math.inf))
 
 
 @dataclass(frozen=True)
+class BiasNoise:
+    """The difference of the gyro biases of two sensors, along an axis."""
+
+    std: float  # rad/s, before it is calibrated
+    walk: float  # rad/s/sqrt(s)
+
+
+@dataclass(frozen=True)
 class HingeNoise:
     """Noise figures and limits of one hinge (see hinge.py)."""
 
-    bias_walk: float  # rad/s/sqrt(s)
-    bias_std: float  # rad/s
+    bias: BiasNoise
     gravity_cone: float  # rad
     accel_weight: float
     mag_weight: float
     smoothing: Smoothing
-    lever_arms: bool  # accelerations by the turning of the links are removed

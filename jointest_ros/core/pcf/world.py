@@ -4,7 +4,7 @@ A joint of three axes takes them from Algorithm 1 on that IMU, in every formulat
 absolute, also after a calibration of the zero pose. The angle about gravity is the integrated gyro since the start or
 the latest zero pose; it is flagged UNOBSERVABLE and has the variance
 
-    N^2 t + (bias_std t)^2        N: gyro noise density; bias_std: of its bias, which gravity does not show either
+    N^2 t + (bias_std t)^2        N: gyro noise density; bias_std: of its bias; see angle_variance.py
 
 With magnetometers it is absolute too: y of the world is north. Joints of one axis need no filter of their own: they see
 a parent that does not turn and reads +g upward.
@@ -13,14 +13,15 @@ a parent that does not turn and reads +g upward.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from jointest_ros.core.frame import Frame, Quat, Recording, Status, Vec3
+from jointest_ros.core.pcf.absolute import AbsolutePair
 from jointest_ros.core.pcf.attitude import STILL, Gains, joint_angles
 from jointest_ros.core.pcf.imu import AbsoluteImu, Gaps
-from jointest_ros.core.pcf.pair import AbsolutePair, JointOutput
+from jointest_ros.core.pcf.pair import JointOutput
+from jointest_ros.core.pcf.settings import BiasNoise
 from jointest_ros.core.robot import STANDARD_GRAVITY, Joint, Sensor
 from jointest_ros.core.rotation import about, multiply, rotate_inverse
 
@@ -64,18 +65,9 @@ class WorldPair(AbsolutePair):
         below: Sequence[AbsoluteImu],
         gains: Gains,
         gaps: Gaps,
-        bias_std: float,
+        bias: BiasNoise,
     ) -> None:
-        self._uncalibrated = self.bias_std = bias_std  # rad/s
-        super().__init__(joint, AbsoluteImu(world_sensor(joint.parent), gains, gaps), child, below, gains, gaps)
-
-    def restart(self) -> None:
-        """Start the angles afresh from the next frame."""
-        super().restart()
-        self._turn_begins()
-
-    def _turn_begins(self) -> None:
-        self.turn_time = self.turn_variance = 0.0  # s since the angle about gravity was zero, and its rad^2
+        super().__init__(joint, AbsoluteImu(world_sensor(joint.parent), gains, gaps), child, below, gains, gaps, bias)
 
     def update(self, frame: Frame) -> JointOutput:
         """Take the angles from the attitude."""
@@ -90,20 +82,13 @@ class WorldPair(AbsolutePair):
         angle = -joint_angles(self.axes, multiply(self._from_zero, guess))[0]
         return multiply(about(first, angle), guess)
 
-    def _output(self, stamp: int, r12: Quat, rate: Vec3, a2: Vec3, elapsed: float) -> JointOutput:
-        up = rotate_inverse(r12, UPWARD) if any(a2) else a2  # without the noise of one sample
-        position, velocity, variance, status = super()._output(stamp, r12, rate, up, elapsed)
-        before, self.turn_time = self.turn_time, self.turn_time + elapsed
-        walk = self.bias_std**2 * (self.turn_time**2 - before**2)
-        self.turn_variance += self._gyro_density2 * elapsed + walk + self._added
-        self.variance = tuple(
-            [self.turn_variance if flags & _UNOBSERVABLE else one for one, flags in zip(variance, status, strict=True)]
-        )
-        return position, velocity, self.variance, status
+    def _judge(self, stamp: int, angles: tuple[float, ...], a2: Vec3, added: float) -> None:
+        """By gravity of the attitude, without the noise of one sample."""
+        super()._judge(stamp, angles, rotate_inverse(self._two.attitude.rotation, UPWARD) if any(a2) else a2, added)
 
-    def set_bias(self, gyro: dict[str, Vec3], deviation: float) -> None:
-        """The estimator has calibrated the bias of the child's IMU, to a standard deviation in rad/s."""
-        self.bias_std = deviation
+    def _first_turn_variance(self, unobservable: Sequence[bool]) -> float:
+        """The first angle about gravity is zero by definition."""
+        return 0.0
 
     def set_zero(self, accel: dict[str, Vec3]) -> None:
         """What is about gravity is zero from now on; the rest is absolute."""
@@ -111,16 +96,4 @@ class WorldPair(AbsolutePair):
         keep = [not flags & _UNOBSERVABLE for flags in self.status]
         self.position = tuple([q if kept else 0.0 for q, kept in zip(self.position, keep, strict=True)])
         self.variance = tuple([v if kept else 0.0 for v, kept in zip(self.variance, keep, strict=True)])
-        self._turn_begins()
-
-    def reset(self) -> None:
-        """Forget angles and what is known of the bias."""
-        super().reset()
-        self.bias_std = self._uncalibrated
-
-    def get_state(self) -> dict[str, Any]:
-        return super().get_state() | {"turn": [self.turn_time, self.turn_variance, self.bias_std]}
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        super().set_state(state)
-        self.turn_time, self.turn_variance, self.bias_std = state["turn"]
+        self.turn.begin(0.0)

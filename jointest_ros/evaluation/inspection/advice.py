@@ -78,8 +78,8 @@ def pcf_advice(
         sensor.name: rates.get(sensor.name, 0.0) ** 2 * math.hypot(*sensor.position) / STANDARD_GRAVITY
         for sensor in robot.sensors
     }
-    hinges = params.formulation == "hinge" and any(len(joint.axes) == 1 for joint in robot.joints)
-    if hinges and places_given and not params.lever_arms and max(levers.values(), default=0.0) > _LEVERS:
+    possible = robot.joints and places_given and params.formulation != "absolute" and not params.lever_arms
+    if possible and max(levers.values(), default=0.0) > _LEVERS:
         name = max(levers, key=lambda sensor: levers[sensor])
         much = f"{levers[name]:.3f} g (rms)"
         reason = f"the turning of its link would accelerate '{name}' by {much} at the configured position"
