@@ -14,6 +14,7 @@ from jointest_ros.core.pcf.pair_checks import CONTRADICTION, PairCheck, contradi
 
 Entry = tuple[bytes, str, dict[str, Any]]  # level, message, values
 
+_UNSURE_DEG = 10.0  # standard deviation of a joint from which on it is no angle to rely on
 _FEWEST = 10  # innovations that are judged together
 _WORDS = {
     Status.STARTING: "no estimate yet",
@@ -77,6 +78,8 @@ def joint_entry(
     deviation = math.degrees(math.sqrt(estimate.variance[number]))
     if ratio is not None and ratio > estimator.innovation_limit and not unsound:
         words.append(f"innovations {ratio:.1f} times larger than the noise model")
+    if deviation > _UNSURE_DEG and not words:
+        words.append(f"known to +-{deviation:.0f} deg only: nothing holds it, or not yet")
     level = DiagnosticStatus.WARN if words else DiagnosticStatus.OK
     if not new:
         level, words = DiagnosticStatus.STALE, [NOTHING_NEW, *unsound]
