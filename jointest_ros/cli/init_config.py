@@ -36,7 +36,7 @@ from jointest_ros.evaluation.joint_pairs import hinge_pairs
 _EPILOG = f"""\
 joints by --joints, parents before children, no spaces in one: {JOINT}
   AXES: one to three of x, y, z, -x, -y, -z; then, if known, the origin of the joint in the parent's frame, m, and its
-  limits, deg:  --joints knee:thigh:shank:y  ankle:shank:foot:y:0,0,-0.43:-40..50
+  limits, deg:  --joints hip:pelvis:thigh:y,x:0,0.1,0:-20..110,-40..30 knee:thigh:shank:y ankle:shank:foot:y:0,0,-0.43
 sensors: {"; ".join(f"{kind}: {text}" for kind, text in KINDS.items())}
 topics: {{sensor}} and {{link}} stand for names; a topic without either is shared by all, told apart by frame_id
 

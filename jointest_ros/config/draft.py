@@ -44,20 +44,25 @@ def parse_joint(text: str) -> Joint:
         raise refusal(f"{len(parts)} parts")
     name, parent, child, axes, *others = parts
     letters = re.findall(r"[+-]?[xyz]", axes)
-    if "".join(letters) != axes or len(letters) > 3:
-        raise refusal(f"axes '{axes}': one to three of x, y, z, -x, -y, -z")
+    if axes not in ("".join(letters), ",".join(letters)) or len(letters) > 3:
+        raise refusal(f"axes '{axes}': one to three of x, y, z, -x, -y, -z, such as y,x")
     vectors = tuple(_axis(letter) for letter in letters)
-    origin, limits = (0.0, 0.0, 0.0), None
+    origin: Vec3 | None = None
+    limits: tuple[tuple[float, float], ...] | None = None
     for other in others:
-        numbers = _numbers(other.replace("..", ","))
-        if ".." in other and len(numbers) == 2 and numbers[0] < numbers[1]:
-            low, high = (math.radians(v) for v in numbers)
-            limits = ((low, high),) * len(vectors)
-        elif ".." not in other and len(numbers) == 3:
-            origin = (numbers[0], numbers[1], numbers[2])
-        else:
-            raise refusal(f"'{other}' is neither an origin X,Y,Z (m) nor limits LOW..HIGH (deg)")
-    return Joint(name, parent, child, vectors, limits, origin=origin)
+        if ".." in other and limits is None:
+            ranges = [_numbers(one.replace("..", ",")) for one in other.split(",")]
+            if len(ranges) in (1, len(vectors)) and all(len(one) == 2 and one[0] < one[1] for one in ranges):
+                ranges = ranges * len(vectors) if len(ranges) == 1 else ranges
+                limits = tuple([(math.radians(low), math.radians(high)) for low, high in ranges])
+                continue
+        elif ".." not in other and origin is None:
+            numbers = _numbers(other)
+            if len(numbers) == 3:
+                origin = (numbers[0], numbers[1], numbers[2])
+                continue
+        raise refusal(f"'{other}' is neither an origin X,Y,Z (m) nor limits LOW..HIGH (deg), one or one for each axis")
+    return Joint(name, parent, child, vectors, limits, origin=origin or (0.0, 0.0, 0.0))
 
 
 def _axis(letter: str) -> Vec3:

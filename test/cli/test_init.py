@@ -77,6 +77,18 @@ def test_from_a_few_words(leg: Path) -> None:
     assert configuration.calibration_file == leg.with_name("leg_calibration.yaml")
 
 
+@pytest.mark.parametrize("axes", ["y,-x", "y-x"])
+@pytest.mark.parametrize(("limits", "expected"), [("-20..110,-40..30", (-20, 110, -40, 30)), ("-9..9", (-9, 9) * 2)])
+def test_two_axes_in_a_word(
+    axes: str, limits: str, expected: tuple[float, ...], jointest: Jointest, tmp_path: Path
+) -> None:
+    path = tmp_path / "hip.yaml"
+    assert jointest("init", "-o", path, "--joints", f"hip:pelvis:thigh:{axes}:0,0.1,0:{limits}").code == 0
+    (hip,) = config.load(path).robot.joints
+    assert (hip.axes, hip.origin) == (((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)), (0.0, 0.1, 0.0))
+    assert [math.degrees(v) for pair in hip.limits or () for v in pair] == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("kind", [config.SensorSettings, Timing, PcfParams])
 def test_every_parameter_is_explained(kind: type[Params], leg: Path) -> None:
     """With its declared description, and nothing but its default where it does not count."""
@@ -338,6 +350,9 @@ def test_nothing_is_replaced_without_force(leg: Path, jointest: Jointest) -> Non
         (("--joints", "knee:thigh:shank:w"), "axes 'w'"),
         (("--joints", "knee:thigh:shank:y:0,0"), "neither an origin X,Y,Z (m) nor limits LOW..HIGH (deg)"),
         (("--joints", "knee:thigh:shank:y:90..10"), "neither an origin"),
+        (("--joints", "knee:thigh:shank:y:0,0,1:0,0,2"), "'0,0,2' is neither"),
+        (("--joints", "hip:pelvis:thigh:y,x:0..90,0..10,0..20"), "one or one for each axis"),
+        (("--joints", "hip:pelvis:thigh:y,"), "axes 'y,'"),
         (("--joints", "knee:thigh:shank:y:nan,0,0"), "neither an origin"),
         (("--joints", "knee:thigh:shank:y:0..inf"), "neither an origin"),
         (("--joints", "knee:thigh:thigh:y"), "its own ancestor"),
