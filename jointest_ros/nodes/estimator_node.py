@@ -24,7 +24,7 @@ from jointest_ros.bags.cdr_encode import encode_quaternion_stamped, encode_vecto
 from jointest_ros.bags.intake import Handler, Intake
 from jointest_ros.bags.output import JointStateOutput
 from jointest_ros.core.catalogue import ESTIMATORS
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, did_you_mean
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Frame
 from jointest_ros.core.params import Params, param
@@ -87,6 +87,10 @@ class EstimatorNode(Node):
         context: Context | None = None,
         **parameters: Any,
     ) -> None:
+        kind = ESTIMATORS.get(estimator)
+        if kind is None:
+            which = did_you_mean(estimator, ESTIMATORS, f"give one of {', '.join(ESTIMATORS)}")
+            raise ConfigurationError(f"estimator: '{estimator}' is not known; {which}")
         super().__init__(
             node_name or f"{estimator}_node",
             namespace=namespace,
@@ -94,7 +98,7 @@ class EstimatorNode(Node):
             parameter_overrides=overrides(parameters),
         )
         with construction(self):
-            self._build(ESTIMATORS[estimator])
+            self._build(kind)
 
     def _build(self, kind: Any) -> None:
         check_names(self, NodeParams, kind.Params)

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -98,7 +99,7 @@ def check_names(node: Node, *kinds: type[Params]) -> None:
 
 
 def overrides(values: dict[str, Any]) -> list[Parameter]:
-    """Keyword arguments of a node as parameter overrides.
+    """Keyword arguments of a node as parameter overrides; a path is a text.
 
     Raises:
         ConfigurationError: a value of a type that no parameter can have.
@@ -106,7 +107,7 @@ def overrides(values: dict[str, Any]) -> list[Parameter]:
     parameters = []
     for name, value in values.items():
         try:
-            parameters.append(Parameter(name, value=value))
+            parameters.append(Parameter(name, value=str(value) if isinstance(value, Path) else value))
         except (TypeError, AssertionError):
             raise ConfigurationError(f"{name}: {value!r} is not allowed; give a number, a text or true/false") from None
     return parameters

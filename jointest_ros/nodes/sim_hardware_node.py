@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool
 from jointest_ros.bags.cdr_encode import encode_clock
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.synthetic import Message
+from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.params import Params, param
 from jointest_ros.nodes.messages import CLASSES, SENSORS
 from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
@@ -79,6 +80,10 @@ class SimHardwareNode(Node):
     def _build(self) -> None:
         self.params = declare(self, PlayParams)
         source = simulated(self.params.source, self.params.config)
+        if source and self.params.bag:
+            raise ConfigurationError(
+                f"bag: '{self.params.bag}' is not allowed with source {self.params.source}; leave either out"
+            )
         check_names(self, PlayParams, *([source.options] if source else []))
         self._playback = (
             SimulatedPlayback(source, declare(self, source.options)) if source else open_bag(self.params.bag)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 import threading
 import warnings
 from pathlib import Path
@@ -202,6 +203,12 @@ def test_bad_parameters(bench: Bench, finger_config: Path, parameters: dict[str,
         )
     assert str(raised.value).startswith(message)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(("name", "words"), [("pfc", "did you mean 'pcf'?"), ("a b", "give one of pcf, gyro")])
+def test_an_estimator_that_does_not_exist(bench: Bench, finger_config: Path, name: str, words: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^estimator: '{name}' is not known; {re.escape(words)}"):
+        EstimatorNode(name, context=bench.context, config=finger_config)
 
 
 # ----------------------------------------------------------------- services

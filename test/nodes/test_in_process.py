@@ -107,7 +107,7 @@ def test_the_default_context(finger_config: Path) -> None:
     """As in a script: `rclpy.init()`, the node, an executor."""
     rclpy.init(args=[])
     try:
-        node = EstimatorNode("pcf", config=str(finger_config), kp=2.0)
+        node = EstimatorNode("pcf", config=finger_config, kp=2.0)
         assert node.context is rclpy.get_default_context()
         assert node.estimator.params.kp == 2.0
         node.destroy_node()

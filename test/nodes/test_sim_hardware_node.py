@@ -233,6 +233,7 @@ def test_damaged_recording_is_played_as_far_as_it_goes(bench: Bench, finger_bag:
         ({"source": "finger", "sped": 2.0}, "sped: unknown parameter; did you mean 'speed'?"),
         ({"rate_hz": 100.0}, "rate_hz: unknown parameter"),
         ({"source": "finger", "seed": {}}, "seed: {} is not allowed"),
+        ({"source": "finger", "bag": "run"}, "bag: 'run' is not allowed with source finger; leave either out"),
         ({"source": "config"}, "config: '' is not allowed with source config; give the path of a configuration"),
         ({"source": "config", "config": "nowhere.yaml"}, "nowhere.yaml: no such configuration file"),
         ({"source": "config", "config": str(BROAD)}, "robot.joints: none; "),
