@@ -12,11 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.pcf.average import AccelAverage
+from jointest_ros.core.pcf.pair_checks import TILT_LIMIT
 from jointest_ros.core.pcf.params import FORMULATIONS, PcfParams
 from jointest_ros.core.pcf.pcf import Pcf
+from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.sim.finger import simulate
 from jointest_ros.sim.hand import HandRecording
 from jointest_ros.sim.imu import GRAVITY
+from jointest_ros.sim.own_robot import OwnOptions, stretches
 
 FAST, SHAKEN = "PE", "PD"
 
@@ -47,6 +50,26 @@ def test_lever_arms_need_the_right_places() -> None:
     sensors = tuple(replace(sensor, position=(0.0, 0.0, 0.0)) for sensor in hand.robot.sensors)
     wrong = replace(hand, robot=replace(hand.robot, sensors=sensors))
     assert np.linalg.norm(rms_deg(wrong, lever_arms=True)) > 3.0 * np.linalg.norm(rms_deg(hand, lever_arms=True))
+
+
+def test_with_lever_arms_fast_links_are_no_slipped_imus() -> None:
+    """The checks of neighbouring IMUs look at what the filters look at: accelerations in step with the motion have a
+    mean."""
+    axes, number = np.eye(3), 12
+    sensors = tuple(Sensor(f"imu_{n}", f"link_{n}", (0.0, 0.2, 0.0)) for n in range(number))
+    joints = [
+        Joint(f"joint_{n}", f"link_{n - 1}", f"link_{n}", (tuple(axes[n % 3].tolist()),), origin=(0.0, 0.3, 0.0))
+        for n in range(1, number)
+    ]
+    robot = Robot(tuple(sensor.link for sensor in sensors), tuple(joints), sensors)
+    made = next(stretches(robot, OwnOptions(duration_s=20.0, zero_pose_s=3.0), 1e9))
+    tilts = []
+    for lever_arms in (True, False):
+        estimator = Pcf(robot, PcfParams(zero_at_start=True, lever_arms=lever_arms))
+        for frame in made.recording.frames():
+            estimator.update(frame)
+        tilts.append(max(abs(pair.tilt) for pair in estimator.pair_checks()))
+    assert 10.0 * tilts[0] < TILT_LIMIT < tilts[1]
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

@@ -31,6 +31,7 @@ class HingeInputs:
     """The readings of one hinge. All vectors are in the frames of the sensors."""
 
     mag_stamp: int | None  # ns, of the newest frame with both magnetometers
+    accels: tuple[Vec3, Vec3]  # m/s^2, of the newest frame, at the joint and averaged as configured
     before: tuple[Vec3, Vec3] | None  # rad/s, gyros of the frame before; only with `lever_arms`
 
     def __init__(self, joint: Joint, parent: Sensor, child: Sensor, noise: HingeNoise, gaps: Gaps) -> None:
@@ -79,6 +80,7 @@ class HingeInputs:
                 average.add((w[0] - b[0], w[1] - b[1], w[2] - b[2]), accel, elapsed)
                 for average, w, b, accel in zip(self._averages, (w1, w2), self._biases, (a1, a2), strict=True)
             )
+        self.accels = a1, a2
         sine, cosine = self._in_plane(a1, a2)
         if noise.mag_weight:
             sine, cosine = self._with_field(frame, sine, cosine, (w1, w2), (a1, a2))

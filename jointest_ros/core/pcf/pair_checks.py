@@ -93,7 +93,7 @@ class _Hinge:
             innovation = hinge.innovation if hinge.innovation == hinge.innovation else 0.0
             self.residual += (innovation - self.residual) * elapsed / RESIDUAL_TIME
             self.moved += wrap(q - self.q) - 0.5 * (velocity + self.velocity) * elapsed - self.moved * elapsed / MEMORY
-            one, two = frame.accel[hinge.parent], frame.accel[hinge.child]
+            one, two = hinge.inputs.accels
             tilt = (dot(self.axis2, two) - dot(self.axis1, one)) / STANDARD_GRAVITY
             self.tilt += (tilt - self.tilt) * elapsed / TILT_TIME
         self.stamp, self.q, self.velocity = stamp, q, velocity
