@@ -116,7 +116,10 @@ class Pair:
         self.at_zero = multiply(conjugate(self.parent.mounting), child)  # R_o
         self._from_zero = conjugate(self.at_zero)
         self.axes = tuple(rotate_inverse(child, axis) for axis in self.joint.axes)  # in the child's sensor
-        self._two_axes = TwoAxes(self.axes, self.at_zero, self._middles) if len(self.axes) == 2 else None
+        self._two_axes: TwoAxes | None = None
+        if len(self.axes) == 2:  # the second one turns with the child, whatever zero pose the mountings feign
+            self.axes = self.axes[0], rotate_inverse(self.child.mounting, self.joint.axes[1])
+            self._two_axes = TwoAxes(self.axes, self.at_zero, self._middles)
 
     @property
     def zero_pose(self) -> tuple[float, ...]:
@@ -137,8 +140,11 @@ class Pair:
         """The present pose is the zero pose; mean accelerometers by sensor, m/s^2."""
         b1 = rotate(self.parent.mounting, accel[self.parent.name])
         b2 = rotate(self.child.mounting, accel[self.child.name])
-        if len(self.joint.axes) > 1 or lever(self.joint.axes[0], b1) > _LEAST_LEVER:
-            self._take_zero(zero_rotation(self.joint.axes, b1, b2))
+        axes = self.joint.axes
+        if len(axes) == 2:
+            self._take_zero(TwoAxes(axes, IDENTITY, (0.0, 0.0)).from_gravity(b1, b2) or zero_rotation(axes, b1, b2))
+        elif len(axes) > 2 or lever(axes[0], b1) > _LEAST_LEVER:
+            self._take_zero(zero_rotation(axes, b1, b2))
         self.position = self.variance = (0.0,) * len(self.axes)
         for one in (self.tilt, self.turn):
             one.begin(0.0)
