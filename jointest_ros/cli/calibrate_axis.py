@@ -23,6 +23,7 @@ from jointest_ros.evaluation.axis_fit import Axis, AxisFit
 from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.joint_pairs import Pair, hinge_pairs
 from jointest_ros.evaluation.mounting_fit import SeenAxis, aligned, turned
+from jointest_ros.evaluation.two_axis_calibration import fit_two_axes
 
 _PICTURE = "_axis.png"
 _AS_BEFORE = math.radians(1.0)  # of an axis that is not identified now: it only decides what the others leave open
@@ -33,9 +34,10 @@ def add_parser(kinds: Parsers[Any]) -> None:
     """Declare the kind."""
     axis = kinds.add_parser(
         "axis",
-        help="axes of hinges in the frames of the IMUs, from motion",
-        description="Find the axis of each hinge in the frames of both IMUs beside it, from a recording in which the "
-        "robot moves, and write the mountings of the IMUs that follow. The mountings need not be known before.",
+        help="axes of joints in the frames of the IMUs, from motion",
+        description="Find the axis of each hinge in the frames of both IMUs beside it, and of each joint of two axes "
+        "the first one in the parent's and the second one in the child's, from a recording in which the robot moves, "
+        "and write the mountings of the IMUs that follow. They need not be known before, but to 45 deg for two axes.",
         epilog="Hold the robot still for a few seconds, then move all joints while the first link turns about several "
         "directions, for a minute. What this cannot find stays as configured: the rotation about an axis, which "
         "'jointest calibrate zero' sets, and which of its two directions is positive. In the table: ±: standard "
@@ -57,7 +59,7 @@ def add_parser(kinds: Parsers[Any]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Body of `calibrate axis`."""
     bag, configuration = arguments.bag, config.load(arguments.config)
-    pairs, left_out = chosen_pairs(arguments, configuration)
+    pairs, left_out = chosen_pairs(arguments, configuration, 2)
     kept = _kept(arguments, pairs)
     target = target_file(arguments, configuration)
     picture = picture_file(arguments, target, _PICTURE)
@@ -114,7 +116,8 @@ def _fit(
         for done, pair in enumerate(pairs):
             report(done, len(pairs))
             try:
-                fits.append(fit_axes(means, pair, kept))
+                fit = fit_axes if len(pair.joint.axes) == 1 else fit_two_axes
+                fits.append(fit(means, pair, kept))
             except CalibrationError as error:
                 raise CalibrationError(f"{arguments.bag}: joint '{pair.joint.name}': {error}") from None
     return fits
@@ -123,14 +126,14 @@ def _fit(
 def _seen(robot: Robot, sensor: Sensor, fits: Sequence[AxisFit]) -> dict[str, SeenAxis]:
     """The axes in a sensor by joint: the identified ones, and the others of its joints as they were."""
     axes: dict[str, SeenAxis] = {}
-    for pair in hinge_pairs(robot)[0]:
-        for one, before in zip(pair.sensors, pair.configured(), strict=True):
+    for pair in hinge_pairs(robot, most_axes=2)[0]:
+        for one, before, link_axis in zip(pair.sensors, pair.configured(), pair.link_axes, strict=True):
             if one.name == sensor.name:
-                axes[pair.joint.name] = SeenAxis(before, pair.axis, _AS_BEFORE)
+                axes[pair.joint.name] = SeenAxis(before, link_axis, _AS_BEFORE)
     for fit in fits:
-        for axis in fit.axes:
+        for axis, link_axis in zip(fit.axes, fit.pair.link_axes, strict=True):
             if axis.sensor == sensor.name:
-                axes[fit.pair.joint.name] = SeenAxis(axis.axis, fit.pair.axis, axis.std)
+                axes[fit.pair.joint.name] = SeenAxis(axis.axis, link_axis, axis.std)
     return axes
 
 
@@ -153,7 +156,8 @@ def _tables(fits: Sequence[AxisFit]) -> Iterator[Table]:
         "rates, deg/s rms", ["joint"], ["of the\njoint", "parent\nacross it", "left\nover", "before\n", "noise\n"]
     )
     for fit in fits:
-        for axis, name in zip(fit.axes, (fit.pair.joint.name, ""), strict=True):
+        names = fit.pair.joint.coordinates
+        for axis, name in zip(fit.axes, names if len(names) > 1 else (*names, ""), strict=True):
             vector = _components(axis) if axis.determined else ["-"] * 3
             change = f"{math.degrees(axis.change):.2f}" if axis.determined else "-"
             axes.add_row(name, axis.sensor, *vector, _std(axis), change)

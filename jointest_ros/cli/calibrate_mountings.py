@@ -28,10 +28,12 @@ def add_joints(parser: argparse.ArgumentParser, verb: str) -> None:
     )
 
 
-def chosen_pairs(arguments: argparse.Namespace, configuration: Configuration) -> tuple[list[Pair], list[str]]:
-    """The joints to calibrate, and why others are left out. Raises ConfigurationError."""
+def chosen_pairs(
+    arguments: argparse.Namespace, configuration: Configuration, most_axes: int = 1
+) -> tuple[list[Pair], list[str]]:
+    """The joints to calibrate, of at most so many axes, and why others are left out. Raises ConfigurationError."""
     try:
-        return hinge_pairs(configuration.robot, arguments.joint)
+        return hinge_pairs(configuration.robot, arguments.joint, most_axes)
     except ConfigurationError as error:
         raise ConfigurationError(f"{arguments.config}: {error}") from None
 

@@ -51,7 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     target = target_file(arguments, configuration)
     readings, when = read_pairs(arguments, configuration, pairs)
     phase = _phase(arguments, readings.means)
-    for text in (*readings.warnings, *(f"{text}; left out" for text in left_out)):
+    by_node = "left out: zero_at_start, or the service ~/calibrate_zero, takes its zero pose"
+    for text in (*readings.warnings, *(f"{text}; {by_node}" for text in left_out)):
         warn(text)
     before = {pair.joint.name: reading(pair, *_accel(pair, phase)) for pair in pairs}
     upright = [name for name, angle in before.items() if angle is None]

@@ -29,7 +29,7 @@ from jointest_ros.config.soundness import MEASURE
 from jointest_ros.config.template import Draft, template
 from jointest_ros.config.urdf import UrdfRobot, load_urdf
 from jointest_ros.core.catalogue import ESTIMATORS
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.robot import Robot
 from jointest_ros.evaluation.joint_pairs import hinge_pairs
 
@@ -169,15 +169,16 @@ def _show(output: Path, made: Draft, arguments: argparse.Namespace) -> None:
     """What was written, and what to do next."""
     robot = made.robot
     estimators = ", ".join(made.estimators)
-    out.print(f"{output}: {len(robot.coordinates)} joint angles, {len(robot.sensors)} sensors, {estimators}")
+    angles, sensors = counted(len(robot.coordinates), "joint angle"), counted(len(robot.sensors), "sensor")
+    out.print(f"{output}: {angles}, {sensors}, {estimators}")
     for sensor in robot.sensors:
         own = f" frame_id {sensor.frame_id}" if sensor.frame_id else ""
         out.print(f"  {sensor.name} on {sensor.link}: {sensor.topic}{own}")
     if robot.hall:
-        out.print(f"  {len(robot.hall)} Hall sensors: hall_voltages")
+        out.print(f"  {counted(len(robot.hall), 'Hall sensor')}: hall_voltages")
     if made.measure:
         where = "put your lengths (m) there" + (", for lever_arms" if "pcf" in made.estimators else "")
-        out.print(f"{len(made.measure)} lines are marked {MEASURE}: {where}")
+        out.print(f"{counted(len(made.measure), 'line')} marked {MEASURE}: {where}")
     kind = "hall" if robot.hall else "accel" if arguments.sensors == "accel" else "axis" if _has_hinge(robot) else ""
     then = "  # mountings, by motion; then: zero" if kind == "axis" else ""
     bag = arguments.from_bag or "BAG"

@@ -13,7 +13,7 @@ from jointest_ros import config
 from jointest_ros.bags.intake import Intake
 from jointest_ros.bags.reader import absolute_name
 from jointest_ros.cli.common import Parsers, complain, err, needs_ros, out, warn
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 
 if TYPE_CHECKING:
     from jointest_ros.nodes.recorder import Progress, Recorder
@@ -97,7 +97,7 @@ class _Report:
         troubles = dict(recorder.problems)
         if self._seconds >= _SILENT:
             silent = [topic for topic in self._expected if not recorder.received.get(topic)]
-            troubles |= {f"silent {topic}": f"no messages yet on {topic}" for topic in silent}
+            troubles |= {f"silent {topic}": recorder.silent(topic) for topic in silent}
         for key in troubles.keys() - self._told:
             warn(troubles[key])
         self._told |= troubles.keys()
@@ -112,10 +112,10 @@ class _Report:
             complain("record", failure or f"{path}: nothing is recorded: no message came on {', '.join(counts)}")
             return _INCOMPLETE
         for topic, count in counts.items():
-            out.print(f"  {topic}: {count} messages")
-        out.print(f"{path}: {total} messages, {_megabytes(recorder.writer.size)}")
+            out.print(f"  {topic}: {counted(count, 'message')}")
+        out.print(f"{path}: {counted(total, 'message')}, {_megabytes(recorder.writer.size)}")
         if failure is not None:
-            complain("record", f"{failure}; what fitted, {total} messages, is a sound recording")
+            complain("record", f"{failure}; what fitted, {counted(total, 'message')}, is a sound recording")
             return _INCOMPLETE
         out.print(f"next: jointest inspect {path} --config {self._configuration}")
         return 0

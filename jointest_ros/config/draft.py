@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from jointest_ros.config.template import Draft
-from jointest_ros.core.errors import ConfigurationError, did_you_mean
+from jointest_ros.core.errors import ConfigurationError, counted, did_you_mean
 from jointest_ros.core.frame import Vec3
 from jointest_ros.core.hall_sensor import HallSensor
 from jointest_ros.core.robot import Joint, Robot, Sensor
@@ -41,7 +41,7 @@ def parse_joint(text: str) -> Joint:
 
     parts = [part.strip() for part in text.split(":")]
     if not 4 <= len(parts) <= 6 or not all(parts):
-        raise refusal(f"{len(parts)} parts")
+        raise refusal(counted(len(parts), "part"))
     name, parent, child, axes, *others = parts
     letters = re.findall(r"[+-]?[xyz]", axes)
     if axes not in ("".join(letters), ",".join(letters)) or len(letters) > 3:
@@ -50,13 +50,16 @@ def parse_joint(text: str) -> Joint:
     origin: Vec3 | None = None
     limits: tuple[tuple[float, float], ...] | None = None
     for other in others:
-        if ".." in other and limits is None:
+        given = limits if ".." in other else origin
+        if given is not None:
+            raise refusal(f"'{other}': {'second limits' if '..' in other else 'a second origin'}")
+        if ".." in other:
             ranges = [_numbers(one.replace("..", ",")) for one in other.split(",")]
             if len(ranges) in (1, len(vectors)) and all(len(one) == 2 and one[0] < one[1] for one in ranges):
                 ranges = ranges * len(vectors) if len(ranges) == 1 else ranges
                 limits = tuple([(math.radians(low), math.radians(high)) for low, high in ranges])
                 continue
-        elif ".." not in other and origin is None:
+        else:
             numbers = _numbers(other)
             if len(numbers) == 3:
                 origin = (numbers[0], numbers[1], numbers[2])

@@ -144,13 +144,18 @@ def _robot(document: Mapping[str, Any]) -> Robot:
     )
 
 
+_EACH = "[low, high] for each axis, such as [[-110, 30], [-20, 40]]"
+
+
 def _joint(name: str, values: Any) -> Joint:
     where = f"robot.joints.{name}"
-    keys = ("parent", "child", "axis", "axes", "origin", "roll_link", "limits_deg", "continuous")
+    keys = ("parent", "child", "axis", "axes", "names", "origin", "roll_link", "limits_deg", "continuous")
     section = read.section(values, where, keys)
     parent, child = (read.text(section.get(key), f"{where}.{key}", "the name of a link") for key in ("parent", "child"))
     if ("axis" in section) == ("axes" in section):
         raise ConfigurationError(f"{where}: give either axis (one) or axes (a list of one to three)")
+    if isinstance(section.get("axis"), list) and any(isinstance(one, (str, list)) for one in section["axis"]):
+        raise read.refusal(f"{where}.axis", section["axis"], "one axis; several are axes: [y, x]")
     if "axis" in section:
         axes: tuple[Vec3, ...] = (read.axis(section["axis"], f"{where}.axis"),)
     else:
@@ -165,11 +170,17 @@ def _joint(name: str, values: Any) -> Joint:
     if "limits_deg" in section:
         pairs = section["limits_deg"] if len(axes) > 1 else [section["limits_deg"]]
         if not isinstance(pairs, list) or len(pairs) != len(axes):
-            raise read.refusal(f"{where}.limits_deg", pairs, "[low, high] for each axis")
+            raise read.refusal(f"{where}.limits_deg", pairs, _EACH)
+        if len(axes) > 1 and not all(isinstance(pair, list) for pair in pairs):
+            raise read.refusal(f"{where}.limits_deg", pairs, _EACH)
         limits = tuple(read.limits(pair, f"{where}.limits_deg") for pair in pairs)
     origin = read.vector(section.get("origin", [0.0, 0.0, 0.0]), f"{where}.origin", "m")
     roll_link = read.vector(section["roll_link"], f"{where}.roll_link", "m") if "roll_link" in section else None
-    return Joint(name, parent, child, axes, limits, continuous, origin, roll_link)
+    names = section.get("names", [])
+    if not isinstance(names, list) or len(names) not in (0, len(axes)):
+        raise read.refusal(f"{where}.names", names, "a name for each axis")
+    names = tuple(read.text(one, f"{where}.names[{i}]", "the name of a joint position") for i, one in enumerate(names))
+    return Joint(name, parent, child, axes, limits, continuous, origin, roll_link, names)
 
 
 def _sensor(name: str, values: Any, defaults: Mapping[str, Any]) -> Sensor:

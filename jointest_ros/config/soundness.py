@@ -8,13 +8,15 @@ from typing import Any
 from jointest_ros.config import values as read
 from jointest_ros.config.reader import Configuration
 from jointest_ros.core.catalogue import ESTIMATORS
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.hall_sensor import ExponentialCurve
 from jointest_ros.core.pcf.params import PcfParams
+from jointest_ros.core.rotation import norm
 from jointest_ros.core.timing import Timing
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
 
 MEASURE = "MEASURE"  # `jointest init` marks by it what nobody has measured yet
+_HOUSE = 10.0  # m
 
 
 def soundness(configuration: Configuration) -> Iterator[Finding]:
@@ -34,7 +36,8 @@ def soundness(configuration: Configuration) -> Iterator[Finding]:
     if all(finding.level == OK for finding in findings):
         robot = configuration.robot
         names = ", ".join(configuration.estimators)
-        text = f"{len(robot.coordinates)} joint angles, {len(robot.sensors)} sensors; {names} can be made of it"
+        angles, sensors = counted(len(robot.coordinates), "joint angle"), counted(len(robot.sensors), "sensor")
+        text = f"{angles}, {sensors}; {names} can be made of it"
         findings.append(Finding(OK, "configuration", "configuration", text))
     yield from findings
 
@@ -101,9 +104,21 @@ def _geometry(configuration: Configuration) -> Iterator[Finding]:
     if curves and any(hall.curve == ExponentialCurve() for hall in configuration.robot.hall):  # not calibrated either
         what = "the curve is that of the paper's sensor"
         yield Finding(LOOK, "hall", "calibration", what, "jointest calibrate hall, or put yours there; remove the mark")
+    yield from _long(configuration)
     if number := len(marked) - len(curves):
-        what = f"{number} lines are marked {MEASURE}: values that nobody has measured yet"
+        what = f"{counted(number, 'line')} marked {MEASURE}: values that nobody has measured yet"
         yield Finding(LOOK, "configuration", "geometry", what, "put yours there and remove the mark")
+
+
+def _long(configuration: Configuration) -> Iterator[Finding]:
+    """Lengths of a robot as large as a house: those of one that was measured in millimetres."""
+    robot = configuration.robot
+    places = [(joint.name, "origin", joint.origin) for joint in robot.joints]
+    places += [(sensor.name, "position", sensor.position) for sensor in robot.sensors]
+    for name, key, place in places:
+        if norm(place) > _HOUSE:
+            action = "lengths are in m; 250 mm is 0.25"
+            yield Finding(LOOK, name, "geometry", f"{key}: is {norm(place):g} m long", action)
 
 
 def _has(values: Any, key: str) -> bool:

@@ -82,7 +82,10 @@ def template(draft: Draft, heading: str, calibration_file: str) -> str:
 
 
 def _joint_keys(robot: Robot) -> Iterator[str]:
-    yield from ("axis", "origin", "limits_deg")
+    yield "axis"
+    if any(joint.names for joint in robot.joints):
+        yield "names"
+    yield from ("origin", "limits_deg")
     if any(joint.continuous for joint in robot.joints):
         yield "continuous"
 
@@ -101,6 +104,8 @@ def _joint(joint: Joint, draft: Draft) -> str:
     entry: dict[str, Any] = {"parent": joint.parent, "child": joint.child}
     axes = [_axis(axis) for axis in joint.axes]
     entry |= {"axis": axes[0]} if len(axes) == 1 else {"axes": axes}
+    if joint.names:
+        entry["names"] = list(joint.names)
     entry["origin"] = [_short(v) for v in joint.origin]
     if joint.limits is not None:
         limits = [[_short(degrees(low), 3), _short(degrees(high), 3)] for low, high in joint.limits]

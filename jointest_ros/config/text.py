@@ -33,6 +33,8 @@ def robot_yaml(robot: Robot, estimators: Mapping[str, Mapping[str, Any]], headin
 
 def _joint(joint: Joint) -> dict[str, Any]:
     entry: dict[str, Any] = {"parent": joint.parent, "child": joint.child, "axes": [list(axis) for axis in joint.axes]}
+    if joint.names:
+        entry["names"] = list(joint.names)
     if any(joint.origin):
         entry["origin"] = list(joint.origin)
     if joint.roll_link is not None:

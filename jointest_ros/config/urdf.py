@@ -7,11 +7,11 @@ it. The joint positions mean the same as before.
 
 from __future__ import annotations
 
+import itertools
 import math
-import re
 import xml.etree.ElementTree as xml
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from jointest_ros.config import values as read
@@ -23,6 +23,7 @@ from jointest_ros.core.rotation import IDENTITY, dot, multiply, rotate, unit
 
 _TWO_TURNS = 4.0 * math.pi
 _WORLD = "world"
+_PARALLEL = 0.99  # cosine: two such axes are no joint of two
 _CONTAINED = ("visual", "collision", "inertial")
 
 
@@ -158,9 +159,9 @@ def _robot(name: str, links: list[str], edges: list[Edge], imus: list[str], bare
             waiting.append((edge.child, _Place(place.link, at, turn)))
     if len(places) < len(links):
         raise ConfigurationError("its joints form a loop")
-    joints.sort(key=lambda joint: [edge.name for edge in edges].index(joint.name))
     bearing = {places[imu].link for imu in imus}
-    joints, merged = _merged(joints, bare, bearing, folded)
+    joints, merged = _merged(joints, bare, bearing, folded, warnings)
+    joints.sort(key=lambda joint: [edge.name for edge in edges].index(joint.coordinates[0]))
     sensors = tuple(Sensor(imu, places[imu].link, _tidy(places[imu].at), places[imu].turn) for imu in imus)
     kept = [link for link in dict.fromkeys(place.link for place in places.values()) if link not in merged]
     world = _WORLD if roots[0] == _WORLD and _WORLD not in bearing else ""
@@ -188,33 +189,54 @@ def _doubts(edges: list[Edge], roots: list[str]) -> Iterator[str]:
 
 
 def _merged(
-    joints: list[Joint], bare: Collection[str], bearing: Collection[str], folded: dict[str, list[str]]
+    joints: list[Joint],
+    bare: Collection[str],
+    bearing: Collection[str],
+    folded: dict[str, list[str]],
+    notes: list[str],
 ) -> tuple[list[Joint], set[str]]:
     """Successions of revolutes through links that are nothing but frames become joints of two and three axes.
 
-    Only where their names are `<joint>_<axis>`, so that the joint positions keep their names.
+    The joint positions keep their names. What is not plain by these is noted.
     """
     gone: set[str] = set()
     result: list[Joint] = []
     for joint in joints:
         if joint.parent in gone:
             continue
-        chain, name = [joint], re.sub(r"_[xyz]$", "", joint.name)
+        chain = [joint]
         while len(chain) < 3:
             link = chain[-1].child
             after = [other for other in joints if other.parent == link]
             frame = link in bare and link not in bearing and link not in folded
-            if len(after) != 1 or not frame or any(after[0].origin):
+            if len(after) != 1 or not frame or any(after[0].origin) or after[0].continuous != joint.continuous:
+                break
+            if abs(dot(chain[-1].axes[0], after[0].axes[0])) > _PARALLEL:
                 break
             chain.append(after[0])
-        axes = tuple(one.axes[0] for one in chain)
-        whole = Joint(name, joint.parent, chain[-1].child, axes, _limits(chain), joint.continuous, joint.origin)
-        if len(chain) > 1 and whole.coordinates == tuple(one.name for one in chain):
-            result.append(whole)
-            gone |= {one.child for one in chain[:-1]}
-        else:
+        if len(chain) == 1:
             result.append(joint)
+            continue
+        names, frames = tuple(one.name for one in chain), [one.child for one in chain[:-1]]
+        axes = tuple(one.axes[0] for one in chain)
+        name = _common(names, [one.name for one in joints if one not in chain])
+        whole = Joint(name, joint.parent, chain[-1].child, axes, _limits(chain), joint.continuous, joint.origin)
+        if whole.coordinates != names:
+            whole = replace(whole, names=names)
+            notes.append(
+                f"{', '.join(names)}: one joint '{name}' of {len(axes)} axes, since nothing but a frame without an IMU "
+                f"is between them ({', '.join(frames)})"
+            )
+        result.append(whole)
+        gone |= set(frames)
     return result, gone
+
+
+def _common(names: tuple[str, ...], taken: Collection[str]) -> str:
+    """The words that all names begin with: hip for hip_flexion, hip_abduction."""
+    together = zip(*(name.split("_") for name in names), strict=False)
+    common = "_".join(words[0] for words in itertools.takewhile(lambda words: len(set(words)) == 1, together))
+    return common if common and common not in taken else "_".join(names)
 
 
 def _limits(chain: list[Joint]) -> tuple[tuple[float, float], ...] | None:

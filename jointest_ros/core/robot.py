@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 from jointest_ros.core.errors import ConfigurationError, did_you_mean
 from jointest_ros.core.frame import Quat, Vec3
@@ -20,6 +21,7 @@ from jointest_ros.core.rotation import IDENTITY, dot, norm
 STANDARD_GRAVITY = 9.80665  # m/s^2
 UNCALIBRATED_MATRIX = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 UNCALIBRATED_SCALE = (1.0, 1.0, 1.0)
+_PARALLEL = 0.9999  # cosine: 0.8 deg apart
 
 
 @dataclass(frozen=True)
@@ -28,13 +30,14 @@ class Joint:
 
     Attributes:
         name: of the joint; its coordinates are `name`, or `name_x`, `name_y`, ... when there is more than one axis.
-        axes: unit vectors, equal in parent and child frame at the zero pose.
+        axes: unit vectors, equal in parent and child frame at the zero pose; successive ones are not parallel.
         origin: of the joint in the parent frame, m; the origin of the child frame is there too.
         limits: lowest and highest position of each coordinate, rad, or None where unknown.
         continuous: positions are equal modulo 2 pi (errors are wrapped).
         roll_link: of a roll-articular (Hillberry) joint, two equal cylinders that roll on each other: from the axis of
             the parent's to that of the child's at the zero pose, m. It is two revolutes of half the position each, with
             this virtual link between them; the origin of the child frame is on the second. None: a plain revolute.
+        names: of the coordinates, one an axis; (): as said at `name`.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Joint:
     continuous: bool = False
     origin: Vec3 = (0.0, 0.0, 0.0)
     roll_link: Vec3 | None = None
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         where, number = f"joint '{self.name}'", len(self.axes)
@@ -53,6 +57,11 @@ class Joint:
         for axis in self.axes:
             if not abs(norm(axis) - 1.0) < 1e-6:
                 raise ConfigurationError(f"{where}.axes: {axis} is not allowed; its length must be 1")
+        for one, other in pairwise(self.axes):
+            if abs(dot(one, other)) > _PARALLEL:
+                raise ConfigurationError(f"{where}.axes: {one} and {other} are parallel; turns about them are one turn")
+        if self.names and len(self.names) != number:
+            raise ConfigurationError(f"{where}.names: {list(self.names)} is not allowed; give one for each axis")
         if self.limits is not None and len(self.limits) != number:
             raise ConfigurationError(f"{where}.limits: {self.limits} is not allowed; give (low, high) for each axis")
         if self.roll_link is not None and (number > 1 or abs(dot(self.roll_link, self.axes[0])) > 1e-6):
@@ -63,6 +72,8 @@ class Joint:
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the joint positions, one an axis: by letter, or by number where it has none or they repeat."""
+        if self.names:
+            return self.names
         if len(self.axes) == 1:
             return (self.name,)
         numbers = [str(number) for number, _ in enumerate(self.axes, 1)]

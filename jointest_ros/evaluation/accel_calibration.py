@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from jointest_ros.core.errors import CalibrationError
+from jointest_ros.core.errors import CalibrationError, counted
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
 from jointest_ros.evaluation.metrics import rms_length
@@ -114,7 +114,8 @@ def fit_norm(readings: FloatArray, errors: FloatArray, sensor: Sensor, gravity: 
     number, size = len(readings), float(np.median(np.linalg.norm(readings, axis=1))) if len(readings) else 0.0
     if number < _UNKNOWNS_NORM or size == 0.0:
         raise CalibrationError(
-            f"{number} still poses; without known directions {_UNKNOWNS_NORM} are needed, as different as possible"
+            f"{counted(number, 'still pose')}; without known directions {_UNKNOWNS_NORM} are needed, as different "
+            "as possible"
         )
     upper, v = np.triu_indices(3), readings / size
 
@@ -136,8 +137,8 @@ def fit_norm(readings: FloatArray, errors: FloatArray, sensor: Sensor, gravity: 
     rank = int((extents > LEAST_EXTENT_NORM).sum())
     if rank < _UNKNOWNS_NORM:
         raise CalibrationError(
-            f"{number} poses of rank {rank} of {_UNKNOWNS_NORM}; without known directions poses between the axes are "
-            "needed too: hold it still in many different ways"
+            f"{counted(number, 'pose')} of rank {rank} of {_UNKNOWNS_NORM}; without known directions poses between the "
+            "axes are needed too: hold it still in many different ways"
         )
     p = least_squares(residuals, start, jac=jacobian, x_scale=1.0).x
     residual = _too_long(calibrated(p), 1.0)

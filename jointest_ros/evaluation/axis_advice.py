@@ -17,7 +17,11 @@ _FAR = math.radians(45.0)
 def refusal(fit: AxisFit) -> str:
     """Why the axes of this fit must not be used, and what to do; empty where they may."""
     unknown = [axis.sensor for axis in fit.axes if not axis.determined]
+    parent = fit.parent.sensor
+    stray = fit.misfit > _NO_HINGE * fit.joint_rate
     if not unknown:
+        if stray and len(fit.pair.joint.axes) > 1:
+            return _strays(fit, "two axes")
         if fit.signed:
             return ""
         one, two = (axis.sensor for axis in fit.axes)
@@ -27,14 +31,10 @@ def refusal(fit: AxisFit) -> str:
         )
     where = " and ".join(f"'{name}'" for name in unknown)
     what = f"its axis in {where} is undetermined: "
-    parent, child = (axis.sensor for axis in fit.axes)
     if fit.joint_rate < _STILL:
         return f"{what}the joint hardly moved ({_dps(fit.joint_rate)}); bend it while '{parent}' turns too"
-    if fit.misfit > _NO_HINGE * fit.joint_rate:
-        return (
-            f"{what}the motion is not about one axis (residual {_dps(fit.residual)}); "
-            f"are '{parent}' and '{child}' the sensors on either side?"
-        )
+    if stray:
+        return what + _strays(fit, "one axis" if len(fit.pair.joint.axes) == 1 else "two axes")
     kept = f", or keep its mounting as configured: --keep {parent}" if unknown == [parent] else ""
     if fit.link_rates[0] < _STILL or fit.across_rate < _STILL:
         return (
@@ -42,6 +42,14 @@ def refusal(fit: AxisFit) -> str:
             f"turn it about several directions while the joint moves{kept}"
         )
     return f"{what}move joint and '{parent}' longer and further, about several directions{kept}"
+
+
+def _strays(fit: AxisFit, axes: str) -> str:
+    parent, child = (axis.sensor for axis in fit.axes)
+    return (
+        f"the motion is not about {axes} (residual {_dps(fit.residual)}); "
+        f"are '{parent}' and '{child}' the sensors on either side?"
+    )
 
 
 def advice(fit: AxisFit) -> Iterator[str]:

@@ -80,7 +80,10 @@ class HingeData:
 
     def part(self, most: int) -> HingeData:
         """At most so many of the windows, evenly chosen."""
-        rows = slice(None, None, max(1, math.ceil(len(self) / most)))
+        return self.rows(slice(None, None, max(1, math.ceil(len(self) / most))))
+
+    def rows(self, rows: slice | NDArray[np.bool_]) -> HingeData:
+        """Some of the windows."""
 
         def of(pair: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
             return pair[0][rows], pair[1][rows]

@@ -15,7 +15,7 @@ from jointest_ros.core.rotation import rotate_inverse
 
 @dataclass(frozen=True)
 class Pair:
-    """A hinge and the sensors on its parent and its child."""
+    """A joint and the sensors on its parent and its child."""
 
     joint: Joint
     parent: Sensor
@@ -28,20 +28,29 @@ class Pair:
 
     @property
     def axis(self) -> FloatArray:
-        """(3,) unit vector in the link frames."""
+        """(3,) unit vector in the link frames, of a hinge."""
         return np.array(self.joint.axes[0])
 
+    @property
+    def link_axes(self) -> tuple[FloatArray, FloatArray]:
+        """(3,) each: the axis that stands still in the parent, and the one that does in the child; a hinge has one."""
+        return np.array(self.joint.axes[0]), np.array(self.joint.axes[-1])
+
     def configured(self) -> tuple[FloatArray, FloatArray]:
-        """(3,) each: the axis in both sensors by their mountings."""
-        one, two = (np.array(rotate_inverse(sensor.mounting, self.joint.axes[0])) for sensor in self.sensors)
+        """(3,) each: the axes of `link_axes` in both sensors by their mountings."""
+        one, two = (
+            np.array(rotate_inverse(sensor.mounting, axis))
+            for sensor, axis in zip(self.sensors, (self.joint.axes[0], self.joint.axes[-1]), strict=True)
+        )
         return one, two
 
 
-def hinge_pairs(robot: Robot, chosen: Sequence[str] = ()) -> tuple[list[Pair], list[str]]:
+def hinge_pairs(robot: Robot, chosen: Sequence[str] = (), most_axes: int = 1) -> tuple[list[Pair], list[str]]:
     """(the hinges that have an IMU on either side, why others are left out, one line each), in the order of the tree.
 
     Args:
         chosen: names of joints; none: all.
+        most_axes: 2: joints of two axes too.
 
     Raises:
         ConfigurationError: one of `chosen` is unknown or cannot be used, or there is none that can.
@@ -56,7 +65,7 @@ def hinge_pairs(robot: Robot, chosen: Sequence[str] = ()) -> tuple[list[Pair], l
         if chosen and joint.name not in chosen:
             continue
         parent, child = (imu_on(robot, link) for link in (joint.parent, joint.child))
-        if reasons := list(_reasons(joint, parent, child)):
+        if reasons := list(_reasons(joint, parent, child, most_axes)):
             left_out.append(f"joint '{joint.name}': {reasons[0]}")
         elif parent and child:
             pairs.append(Pair(joint, parent, child))
@@ -67,9 +76,10 @@ def hinge_pairs(robot: Robot, chosen: Sequence[str] = ()) -> tuple[list[Pair], l
     return pairs, left_out
 
 
-def _reasons(joint: Joint, parent: Sensor | None, child: Sensor | None) -> Iterator[str]:
-    if len(joint.axes) > 1:
-        yield f"it has {len(joint.axes)} axes; only hinges can be calibrated by motion"
+def _reasons(joint: Joint, parent: Sensor | None, child: Sensor | None, most_axes: int) -> Iterator[str]:
+    if len(joint.axes) > most_axes:
+        which = "one axis" if most_axes == 1 else "one or two axes"
+        yield f"it has {len(joint.axes)} axes; only joints of {which} can be calibrated"
     for link, sensor in ((joint.parent, parent), (joint.child, child)):
         if sensor is None:
             yield f"link '{link}' carries no sensor with gyro and accelerometer; one on either side is needed"

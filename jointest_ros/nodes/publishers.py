@@ -42,7 +42,7 @@ class InputTopic:
                     "start it with reliability:=best_effort, or let the publisher be reliable"
                 )
         self.unheard = "; ".join(sorted(reasons))
-        self.elsewhere = "" if found else self._unused_topics()
+        self.elsewhere = "" if found else comes_on(self._node, self._msgtype)
         self.surplus = ""
         if len(found) > self._expected:
             self.surplus = (
@@ -50,18 +50,19 @@ class InputTopic:
                 "(one that was killed counts for up to 20 s)"
             )
 
-    def _unused_topics(self) -> str:
-        """What is published in the same type, and this node does not take."""
-        taken = {one.topic_name for one in self._node.subscriptions}
-        names = [
-            name
-            for name, types in self._node.get_topic_names_and_types()
-            if self._msgtype in types and name not in taken and self._node.count_publishers(name)
-        ]
-        if not names:
-            return ""
-        more = ", ..." if len(names) > _NAMED else ""
-        return f"; {self._msgtype} comes on {', '.join(sorted(names)[:_NAMED])}{more}"
+
+def comes_on(node: Node, msgtype: str) -> str:
+    """The topics of a type that are published and that the node does not take, to be put behind a message, or ""."""
+    taken = {one.topic_name for one in node.subscriptions}
+    names = [
+        name
+        for name, types in node.get_topic_names_and_types()
+        if msgtype in types and name not in taken and node.count_publishers(name)
+    ]
+    if not names:
+        return ""
+    more = ", ..." if len(names) > _NAMED else ""
+    return f"; {msgtype} comes on {', '.join(sorted(names)[:_NAMED])}{more}"
 
 
 def _name(publisher: TopicEndpointInfo) -> str:

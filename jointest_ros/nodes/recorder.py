@@ -23,6 +23,7 @@ from jointest_ros.bags.live_writer import LiveWriter
 from jointest_ros.nodes.arrival import arrivals
 from jointest_ros.nodes.messages import CLASSES, SENSORS
 from jointest_ros.nodes.parameters import construction
+from jointest_ros.nodes.publishers import comes_on
 from jointest_ros.nodes.spin import ended_by_signals, init, made, make_executor
 
 _DISCOVERY = 0.5  # s between looks at which topics there are
@@ -110,6 +111,12 @@ class Recorder(Node):
         """Complete the recording: what was received until now is in it."""
         self._end.set()
         self._thread.join()
+
+    def silent(self, topic: str) -> str:
+        """A line for a topic that brings nothing."""
+        msgtype = self._wanted.inputs.get(topic)
+        instead = comes_on(self, msgtype) if msgtype is not None and not self.count_publishers(topic) else ""
+        return f"no messages yet on {topic}{instead}"
 
     # ------------------------------------------------------------- receiving
 

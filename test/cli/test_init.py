@@ -112,7 +112,23 @@ def test_the_comments_can_be_switched_on(leg: Path) -> None:
 def test_what_nobody_measured_is_marked_and_inspected(leg: Path, jointest: Jointest) -> None:
     marked = [line for line in leg.read_text(encoding="utf-8").splitlines() if "MEASURE" in line]
     assert len(marked) == 4  # the origin of the knee, and three sensors
-    assert "4 lines are marked MEASURE" in jointest("inspect", "-c", leg).out
+    assert "4 lines marked MEASURE" in jointest("inspect", "-c", leg).out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("position: [0, 0, 0]}  # MEASURE position", "position: [0, 0, 0]}", ""),
+        ("position: [0, 0, 0]", "position: [0, 0, -250]", "position: is 250 m long"),
+        ("origin: [0, 0, 0]", "origin: [0, 0, -430]", "origin: is 430 m long"),
+    ],
+)
+def test_millimetres_are_told(old: str, new: str, told: str, leg: Path, jointest: Jointest) -> None:
+    text = leg.read_text(encoding="utf-8")
+    leg.write_text(text.replace(old, new, 1), encoding="utf-8")
+    out = jointest("inspect", "-c", leg).out
+    assert told in out if told else " m long" not in out
+    assert ("250 mm is 0.25" in out) is bool(told)
 
 
 def test_what_to_do_next(jointest: Jointest, tmp_path: Path) -> None:
@@ -316,6 +332,54 @@ def test_three_revolutes_through_bare_frames_are_one_joint(jointest: Jointest, t
     assert robot.joints[0].axes == shipped.joints[0].axes
 
 
+HIP = """<robot name="leg">
+  <link name="pelvis"/> <link name="cross"/> <link name="thigh"/> <link name="shank"/>
+  <link name="pelvis_imu"/> <link name="thigh_imu"/> <link name="shank_imu"/>
+  <joint name="hip_abduction" type="revolute"> <parent link="cross"/> <child link="thigh"/>
+    <axis xyz="1 0 0"/> <limit lower="-0.3" upper="0.7"/> </joint>
+  <joint name="hip_flexion" type="revolute"> <parent link="pelvis"/> <child link="cross"/> <origin xyz="0 0.1 0"/>
+    <axis xyz="0 1 0"/> <limit lower="-2" upper="0.5"/> </joint>
+  <joint name="knee" type="revolute"> <parent link="thigh"/> <child link="shank"/> <origin xyz="0 0 -0.4"/>
+    <axis xyz="0 1 0"/> <limit lower="0" upper="2"/> </joint>
+  <joint name="a" type="fixed"> <parent link="pelvis"/> <child link="pelvis_imu"/> </joint>
+  <joint name="b" type="fixed"> <parent link="thigh"/> <child link="thigh_imu"/> </joint>
+  <joint name="c" type="fixed"> <parent link="shank"/> <child link="shank_imu"/> </joint>
+</robot>"""
+
+
+def test_joints_through_a_bare_frame_are_one_whatever_their_names(jointest: Jointest, tmp_path: Path) -> None:
+    """A URDF has no joint of two axes: a hip goes through a link that bears nothing. Its angles keep their names."""
+    urdf, path = tmp_path / "leg.urdf", tmp_path / "robot.yaml"
+    urdf.write_text(HIP, encoding="utf-8")
+    result = jointest("init", "-o", path, "--urdf", urdf)
+    assert result.code == 0 and "one joint 'hip' of 2 axes" in result.err and "(cross)" in result.err
+    robot = config.load(path).robot
+    assert robot.links == ("pelvis", "thigh", "shank") and len(robot.sensors) == 3
+    assert robot.coordinates == ("hip_flexion", "hip_abduction", "knee")
+    hip = robot.joints[0]
+    assert (hip.name, hip.axes, hip.origin) == ("hip", ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)), (0.0, 0.1, 0.0))
+    assert hip.limits == (pytest.approx((-2.0, 0.5), abs=1e-4), pytest.approx((-0.3, 0.7), abs=1e-4))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<link name="cross"/>', '<link name="cross"><inertial/></link>'),
+        ('<link name="cross"/>', '<link name="cross"/> <link name="cross_imu"/>'),
+        ('<child link="thigh"/>', '<child link="thigh"/> <origin xyz="0 0 -0.05"/>'),
+        ('<axis xyz="1 0 0"/>', '<axis xyz="0 1 0"/>'),
+    ],
+    ids=["a body", "an IMU", "a length", "parallel axes"],
+)
+def test_joints_about_something_between_them_stay_two(old: str, new: str, jointest: Jointest, tmp_path: Path) -> None:
+    urdf, path = tmp_path / "leg.urdf", tmp_path / "robot.yaml"
+    fixed = '<joint name="d" type="fixed"> <parent link="cross"/> <child link="cross_imu"/> </joint> </robot>'
+    text = HIP.replace(old, new)
+    urdf.write_text(text.replace("</robot>", fixed) if "cross_imu" in new else text, encoding="utf-8")
+    assert jointest("init", "-o", path, "--urdf", urdf).code == 0
+    assert [len(joint.axes) for joint in config.load(path).robot.joints] == [1, 1, 1]
+
+
 def test_topics_of_a_recording(jointest: Jointest, tmp_path: Path) -> None:
     """Several sensors on one topic, told apart by frame ids that name their links."""
 
@@ -340,7 +404,7 @@ def test_nothing_is_replaced_without_force(leg: Path, jointest: Jointest) -> Non
     before = leg.read_bytes()
     assert "exists already" in jointest("init", "-o", leg, "--joints", *LEG).refusal()
     assert leg.read_bytes() == before
-    assert jointest("init", "-o", leg, "--joints", LEG[0], "--force").code == 0
+    assert "1 joint angle, 2 sensors, pcf" in jointest("init", "-o", leg, "--joints", LEG[0], "--force").out
 
 
 @pytest.mark.parametrize(
@@ -350,7 +414,8 @@ def test_nothing_is_replaced_without_force(leg: Path, jointest: Jointest) -> Non
         (("--joints", "knee:thigh:shank:w"), "axes 'w'"),
         (("--joints", "knee:thigh:shank:y:0,0"), "neither an origin X,Y,Z (m) nor limits LOW..HIGH (deg)"),
         (("--joints", "knee:thigh:shank:y:90..10"), "neither an origin"),
-        (("--joints", "knee:thigh:shank:y:0,0,1:0,0,2"), "'0,0,2' is neither"),
+        (("--joints", "knee:thigh:shank:y:0,0,1:0,0,2"), "'0,0,2': a second origin;"),
+        (("--joints", "knee:thigh:shank:y:0..1:0..2"), "'0..2': second limits;"),
         (("--joints", "hip:pelvis:thigh:y,x:0..90,0..10,0..20"), "one or one for each axis"),
         (("--joints", "hip:pelvis:thigh:y,"), "axes 'y,'"),
         (("--joints", "knee:thigh:shank:y:nan,0,0"), "neither an origin"),

@@ -24,10 +24,10 @@ FINGER, FINGER_YAML = BAGS / "finger", CONFIGURATIONS / "finger.yaml"
 DEGREES = 180.0 / math.pi
 
 
-def turned(axis: str, degrees: float) -> Any:
+def turned(axis: str, degrees: float, sensor: str = "middle") -> Any:
     """The readings of a sensor that is mounted so."""
     matrix = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
-    return readings("middle", matrix, matrix)
+    return readings(sensor, matrix, matrix)
 
 
 @pytest.fixture
@@ -163,6 +163,12 @@ MISTAKES: dict[str, tuple[Any, set[str], str, str]] = {  # change, subjects, kin
     "left-handed frame": (readings("middle", [1, -1, 1], [1, -1, 1]), {"middle"}, "polarity", "left-handed"),
     "mounting turned about z": (turned("z", 90), {"middle"}, "mounting", "turned by 90 deg"),
     "mounted the other way round": (turned("z", 180), {"middle"}, "mounting", "the other way round"),
+    "the one before it the other way round": (
+        turned("z", 180, "proximal"),
+        {"proximal"},
+        "mounting",
+        "the other way round",
+    ),
     "neighbours exchanged": (exchanged("proximal", "middle"), {"proximal"}, "exchanged", "'proximal' and 'middle'"),
     "first and last exchanged": (exchanged("palm", "distal"), {"palm"}, "exchanged", "'palm' and 'distal'"),
     "sensor on another link": (copied, {"middle"}, "body", "as one with 'palm'"),

@@ -70,6 +70,7 @@ def test_exchanged_sensors(wrist: tuple[Path, Path], jointest: Jointest, tmp_pat
     bag = rewrite(wrist[0], tmp_path / "exchanged", exchanged("arm", "hand"))
     code, findings = inspected(jointest, tmp_path, bag, "--config", wrist[1])
     assert (code, not_ok(findings)) == (1, [("wrong", "wrist", "exchanged")])
+    assert all(not finding["text"].startswith("wrist") for finding in findings)  # the subject is told before it
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])

@@ -50,6 +50,12 @@ def hinge(name: str, parent: str, child: str) -> Joint:
         (lambda: Joint("j", "a", "b", ((1.0, 1.0, 0.0),)), ("joint 'j'.axes", "(1.0, 1.0, 0.0)", "length must be 1")),
         (lambda: Joint("j", "a", "b", ((math.nan, 1.0, 0.0),)), ("joint 'j'.axes", "nan", "length must be 1")),
         (lambda: Joint("j", "a", "b", (X, Y), limits=((-1.0, 1.0),)), ("joint 'j'.limits", "each axis")),
+        (lambda: Joint("j", "a", "b", (X, Y, Y)), ("joint 'j'.axes", "(0.0, 1.0, 0.0)", "parallel")),
+        (lambda: Joint("j", "a", "b", (X, Y), names=("a",)), ("joint 'j'.names: ['a']", "each axis")),
+        (
+            lambda: Robot(("a", "b", "c"), (Joint("j", "a", "b", (X, Y), names=("k", "l")), hinge("k", "b", "c"))),
+            ("joint coordinates", "'k'", "twice"),
+        ),
         (
             lambda: Joint("j", "a", "b", (X,), roll_link=(0.013, 0.0, 0.0)),
             ("joint 'j'.roll_link", "(0.013, 0.0, 0.0)", "one axis, perpendicular"),
@@ -86,6 +92,10 @@ def test_coordinates_are_named_by_their_axes(axes: tuple[Vec3, ...], names: tupl
     joint = Joint("j", "a", "b", axes)
     assert joint.coordinates == names
     assert Robot(("a", "b"), (joint,)).coordinates == names
+
+
+def test_coordinates_may_have_names_of_their_own() -> None:
+    assert Joint("hip", "a", "b", (X, Y), names=("flexion", "abduction")).coordinates == ("flexion", "abduction")
 
 
 def test_base_link_may_stand_anywhere_in_the_list_and_joints_in_any_order() -> None:

@@ -35,7 +35,7 @@ def test_hinges_with_an_imu_on_either_side_are_used_and_the_others_named() -> No
         ("dip", "finger", "tip"),
     ]
     assert left_out == [
-        "joint 'wrist': it has 2 axes; only hinges can be calibrated by motion",
+        "joint 'wrist': it has 2 axes; only joints of one axis can be calibrated",
         "joint 'opposition': link 'thumb' carries no sensor with gyro and accelerometer; one on either side is needed",
     ]
     assert [pair.joint.name for pair in hinge_pairs(ROBOT, ["dip"])[0]] == ["dip"]

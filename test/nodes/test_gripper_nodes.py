@@ -47,7 +47,7 @@ def test_diagnostics_name_the_imu_that_slipped_until_a_zero_pose_is_taken(bench:
     report = reports.until(lambda report: values(report["estimator"])["estimates"] == str(node.estimates))
     assert report[PAIRS].level == DiagnosticStatus.WARN
     text = report[PAIRS].message
-    assert text.startswith("IMU left_middle: turned by ") and text.endswith("(slipped? take the zero pose anew)")
+    assert text.startswith("IMU left_middle: turned by ") and "slipped? take the zero pose anew" in text
     assert abs(float(text.split("turned by ")[1].split(" deg")[0]) - 10.0) < 1.0
     figures = values(report[PAIRS])
     turned = {key for key in figures if key.endswith("turned (deg)")}

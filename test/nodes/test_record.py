@@ -74,6 +74,16 @@ def test_bytes_and_times_of_receipt(bench: Bench, record: Record, finger_config:
         assert times == sorted(times)
 
 
+def test_a_silent_input_names_what_may_be_meant(bench: Bench, record: Record, finger_config: Path) -> None:
+    recorder = record(finger_config)
+    topic = f"{bench.namespace}/imu/palm"
+    assert recorder.silent(topic).startswith(f"no messages yet on {topic}")
+    driver = bench.add(Node("driver", namespace=bench.namespace, context=bench.context))
+    driver.create_publisher(Imu, "imu/plam", 1)
+    bench.until(lambda: f"{bench.namespace}/imu/plam" in recorder.silent(topic), "the other topic")
+    assert f"no messages yet on {topic}; sensor_msgs/msg/Imu comes on " in recorder.silent(topic)
+
+
 def test_a_recording_gives_what_the_node_gave(bench: Bench, record: Record, tmp_path: Path) -> None:
     """Hall voltages, which are paired by their arrival, included."""
     states = bench.listen()

@@ -191,7 +191,8 @@ def verdict(checks: Sequence[PairCheck]) -> str:
     tilt = math.degrees(max((abs(check.tilt) for check in wrong if abs(check.tilt) > TILT_LIMIT), default=0.0))
     texts = []
     if turned:
-        texts.append(f"turned by {turned:.1f} deg about the joint's axis (slipped? take the zero pose anew)")
+        causes = "slipped? take the zero pose anew; fast links without lever_arms look so too"
+        texts.append(f"turned by {turned:.1f} deg about the joint's axis ({causes})")
     if tilt:
         texts.append(f"the joint's axis is {tilt:.1f} deg off (mounting, axis or accelerometer calibration wrong?)")
     return f"IMU {names}: {'; '.join(texts)}"

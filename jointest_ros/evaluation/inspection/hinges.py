@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -155,11 +156,26 @@ def cleared(motions: Mapping[str, HingeMotion], fits: Mapping[str, AxisFit | Non
     return sound
 
 
-def axis_findings(motion: HingeMotion, fit: AxisFit | None, cleared: Collection[str]) -> Iterator[Finding]:
+def reversed_twice(motions: Mapping[str, HingeMotion], fits: Mapping[str, AxisFit | None]) -> set[str]:
+    """The sensors that two hinges or more see the other way round: one mistake explains both."""
+    seen = Counter(
+        axis.sensor
+        for name, fit in fits.items()
+        if fit is not None and motions[name].moves and not _loose(fit)
+        if any(_off(one) > _REVERSED for one in fit.axes)
+        for axis in fit.axes
+    )
+    return {sensor for sensor, times in seen.items() if times > 1}
+
+
+def axis_findings(
+    motion: HingeMotion, fit: AxisFit | None, cleared: Collection[str], suspects: Collection[str]
+) -> Iterator[Finding]:
     """Whether the axis is where it is configured.
 
     Args:
         cleared: sensors that are as configured by another hinge.
+        suspects: sensors of several hinges whose axis points the other way.
     """
     pair, name = motion.pair, motion.pair.joint.name
     one, two = (sensor.name for sensor in pair.sensors)
@@ -192,10 +208,12 @@ def axis_findings(motion: HingeMotion, fit: AxisFit | None, cleared: Collection[
         within = ", ".join(f"'{a.sensor}' {math.degrees(a.change):.1f}" for a in fit.axes if a.determined)
         yield Finding(OK, name, "axis", f"the axis is as configured (deg off, in {within})")
         return
-    yield _axis_finding(fit, pair, off, cleared)
+    yield _axis_finding(fit, pair, off, cleared, suspects)
 
 
-def _axis_finding(fit: AxisFit, pair: Pair, off: Mapping[str, float], cleared: Collection[str]) -> Finding:
+def _axis_finding(
+    fit: AxisFit, pair: Pair, off: Mapping[str, float], cleared: Collection[str], suspects: Collection[str]
+) -> Finding:
     name = pair.joint.name
     level = WRONG if max(off.values()) > FAR else LOOK
     in_link = {
@@ -214,8 +232,9 @@ def _axis_finding(fit: AxisFit, pair: Pair, off: Mapping[str, float], cleared: C
             action = "mend axis:, or check whether both mountings are turned alike; jointest calibrate axis"
             return Finding(level, name, "axis", text, action)
         odd = max(off, key=lambda sensor: off[sensor])
-        if off[odd] > _REVERSED and odd in cleared:  # of two opposite axes, the motion does not tell which is right
-            odd = next(sensor for sensor in off if sensor != odd)
+        other = next(sensor for sensor in off if sensor != odd)
+        if off[odd] > _REVERSED and (odd in cleared or (other in suspects and odd not in suspects)):
+            odd = other  # of two opposite axes, the motion does not tell which is right
             return _mounting(level, odd, name, math.pi, -in_link[odd], configured)
         return _mounting(level, odd, name, off[odd], in_link[odd], configured)
     ((sensor, axis),) = in_link.items()

@@ -133,11 +133,12 @@ class Joints:
         doubtful = {*(swap or ()), *(finding.subject for finding in one_body)}
         sound = {}
         cleared = hinges.cleared(self._motions, self._fits)
+        suspects = hinges.reversed_twice(self._motions, self._fits)
         mounted: set[str] = set()
         for name, motion in self._motions.items():
             if any(sensor.name in doubtful for sensor in motion.pair.sensors):
                 continue
-            mine = list(hinges.axis_findings(motion, self._fits[name], cleared))
+            mine = list(hinges.axis_findings(motion, self._fits[name], cleared, suspects))
             yield from (finding for finding in mine if finding.subject not in mounted)
             mounted |= {finding.subject for finding in mine if finding.kind == "mounting"}
             yield from hinge_gravity.gravity_finding(motion, self._cone)

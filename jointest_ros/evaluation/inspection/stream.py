@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from jointest_ros.core.errors import counted
 from jointest_ros.core.frame import FloatArray, Recording
 from jointest_ros.core.timing import GAP, Timing, jitter, rising
 from jointest_ros.evaluation.inspection.findings import LOOK, WRONG, Finding, at
@@ -106,7 +107,7 @@ def timing_findings(stream: Stream, subject: str, timing: Timing, span: tuple[in
         )
         return
     if math.isnan(stream.period):
-        yield Finding(WRONG, subject, "rate", f"{len(stream)} messages only", "record longer")
+        yield Finding(WRONG, subject, "rate", f"{counted(len(stream), 'message')} only", "record longer")
         return
     yield from _order(stream, subject)
     yield from _gaps(stream, subject, timing, span)
@@ -131,7 +132,7 @@ def _order(stream: Stream, subject: str) -> Iterator[Finding]:
         if count:
             share = count / len(stream)
             level = WRONG if share > _SEVERE else LOOK
-            yield Finding(level, subject, "order", f"{count} messages ({share:.1%}) {what}", action)
+            yield Finding(level, subject, "order", f"{counted(count, 'message')} ({share:.1%}) {what}", action)
 
 
 def _gaps(stream: Stream, subject: str, timing: Timing, span: tuple[int, int]) -> Iterator[Finding]:

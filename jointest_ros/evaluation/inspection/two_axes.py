@@ -182,7 +182,8 @@ def _disagreement(pair: Pair, windows: _Windows, share: float) -> Finding:
     if found is None:
         return Finding(LOOK, pair.joint.name, "axis", text, action)
     subject, kind, reason = found
-    return Finding(WRONG, subject, kind, f"{pair.joint.name}: {text}; {reason}: that leaves {best:.0%}", action)
+    of = "" if subject == pair.joint.name else f"{pair.joint.name}: "
+    return Finding(WRONG, subject, kind, f"{of}{text}; {reason}: that leaves {best:.0%}", action)
 
 
 def _axis(vector: FloatArray) -> str:
