@@ -85,10 +85,13 @@ class SimulatedPlayback:
         pass
 
 
-def open_bag(path: str) -> BagPlayback:
+def open_bag(path: str, configuration: str = "") -> BagPlayback:
     """The recording of the parameter `bag`. Raises ConfigurationError where it is not given."""
     if not path:
-        raise ConfigurationError("bag: '' is not allowed with source bag; give the path of a recording: -p bag:=PATH")
+        other = f", or simulate the robot of {configuration}: -p source:={OWN}" if configuration else ""
+        raise ConfigurationError(
+            f"bag: '' is not allowed with source bag; give the path of a recording: -p bag:=PATH{other}"
+        )
     return BagPlayback(path)
 
 

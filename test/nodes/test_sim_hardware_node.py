@@ -225,7 +225,8 @@ def test_damaged_recording_is_played_as_far_as_it_goes(bench: Bench, finger_bag:
     ("parameters", "message"),
     [
         ({"bag": "nowhere"}, "nowhere: no such bag"),
-        ({}, "bag: '' is not allowed with source bag"),
+        ({}, "bag: '' is not allowed with source bag; give the path of a recording"),
+        ({"config": "a"}, "bag: '' is not allowed with source bag; give the path of a recording: -p bag:=PATH, or sim"),
         ({"source": "elbow"}, "source: 'elbow' is not allowed; give one of bag, finger"),
         ({"source": "finger", "scenario": "PX"}, "scenario: 'PX' is not allowed; give one of PA"),
         ({"source": "finger", "rate_hz": 20.0}, "rate_hz: 20.0 is not allowed; give 100 to 1000 Hz"),
