@@ -18,7 +18,7 @@ from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import Quat
 from jointest_ros.evaluation.inertial_windows import StillPhase, WindowMeans
 from jointest_ros.evaluation.joint_pairs import Pair, hinge_pairs
-from jointest_ros.evaluation.mounting_fit import reading, turned, zeroed
+from jointest_ros.evaluation.mounting_fit import readings, turned, zeroed
 
 _SHORTEST = 1.0  # s, of a still phase
 _LEFT_OVER = math.radians(0.05)  # worth a word
@@ -47,24 +47,24 @@ def add_parser(kinds: Parsers[Any]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Body of `calibrate zero`."""
     bag, configuration = arguments.bag, config.load(arguments.config)
-    pairs, left_out = chosen_pairs(arguments, configuration)
+    pairs, left_out = chosen_pairs(arguments, configuration, 2)
     target = target_file(arguments, configuration)
-    readings, when = read_pairs(arguments, configuration, pairs)
-    phase = _phase(arguments, readings.means)
+    recording, when = read_pairs(arguments, configuration, pairs)
+    phase = _phase(arguments, recording.means)
     by_node = "left out: zero_at_start, or the service ~/calibrate_zero, takes its zero pose"
-    for text in (*readings.warnings, *(f"{text}; {by_node}" for text in left_out)):
+    for text in (*recording.warnings, *(f"{text}; {by_node}" for text in left_out)):
         warn(text)
-    before = {pair.joint.name: reading(pair, *_accel(pair, phase)) for pair in pairs}
-    upright = [name for name, angle in before.items() if angle is None]
+    before = _readings(pairs, phase)
+    upright = [pair.joint.name for pair in pairs if before[pair.joint.coordinates[0]] is None]
     if len(upright) == len(pairs):
         raise CalibrationError(f"{bag}: joint '{upright[0]}': {_UPRIGHT}")
     for name in upright:
         warn(f"joint '{name}': {_UPRIGHT}; left as it is")
-    zeroing = {name for name, angle in before.items() if angle is not None}
-    everything = hinge_pairs(configuration.robot)[0]
+    zeroing = {pair.joint.name for pair in pairs if pair.joint.name not in upright}
+    everything = hinge_pairs(configuration.robot, most_axes=2)[0]
     mountings = zeroed(everything, phase.accel, zeroing)
-    after = {pair.joint.name: reading(_with(pair, mountings), *_accel(pair, phase)) for pair in pairs}
-    times = f"still from {_seconds(phase.start, readings.means):.1f} to {_seconds(phase.end, readings.means):.1f} s"
+    after = _readings([_with(pair, mountings) for pair in pairs], phase)
+    times = f"still from {_seconds(phase.start, recording.means):.1f} to {_seconds(phase.end, recording.means):.1f} s"
     own = {sensor.name for pair in pairs for sensor in pair.sensors}
     sensors = list({sensor.name: sensor for pair in everything for sensor in pair.sensors}.values())
     sensors = [s for s in sensors if s.name in own or turned(s, mountings[s.name]) > _NEXT_TO_NOTHING]
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     turns = [f"{s.name} {math.degrees(turned(s, mountings[s.name])):.2f} deg" for s in sensors]
     out.print(f"turned: {', '.join(turns)}")
     out.print(f"{target}: mountings of {', '.join(sensor.name for sensor in sensors)}")
-    return finish(arguments, configuration, target, readings.damage)
+    return finish(arguments, configuration, target, recording.damage)
 
 
 _UPRIGHT = "its axis is within 10 deg of vertical in this pose, where its angle does not show; tilt the robot"
@@ -114,8 +114,13 @@ def _seconds(stamp: int, means: WindowMeans) -> float:
     return (stamp - means.first) * 1e-9
 
 
-def _accel(pair: Pair, phase: StillPhase) -> tuple[Sequence[float], Sequence[float]]:
-    return phase.accel[pair.parent.name], phase.accel[pair.child.name]
+def _readings(pairs: Sequence[Pair], phase: StillPhase) -> dict[str, float | None]:
+    """By coordinate, rad; None: gravity does not show those of the joint."""
+    found: dict[str, float | None] = {}
+    for pair in pairs:
+        angles = readings(pair, phase.accel[pair.parent.name], phase.accel[pair.child.name])
+        found |= zip(pair.joint.coordinates, angles or (None,) * len(pair.joint.axes), strict=True)
+    return found
 
 
 def _with(pair: Pair, mountings: dict[str, Quat]) -> Pair:

@@ -14,9 +14,11 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from jointest_ros.core.frame import FloatArray, Quat
+from jointest_ros.core.frame import FloatArray, Quat, Vec3
+from jointest_ros.core.pcf.attitude import joint_angles
+from jointest_ros.core.pcf.two_axes import TwoAxes
 from jointest_ros.core.robot import Sensor
-from jointest_ros.core.rotation import rotate
+from jointest_ros.core.rotation import IDENTITY, rotate
 from jointest_ros.evaluation.joint_pairs import Pair
 
 _LEAST_STD = math.radians(0.01)  # of an axis: none is known better for this purpose
@@ -49,12 +51,26 @@ def aligned(mounting: Quat, axes: Sequence[SeenAxis]) -> tuple[Quat, list[float]
 
 
 def reading(pair: Pair, parent_accel: Sequence[float], child_accel: Sequence[float]) -> float | None:
-    """Joint angle, rad, that the accelerometers (sensor frames, m/s^2) show at rest; None: the axis is near gravity."""
+    """Angle of a hinge, rad, by accelerometers at rest (sensor frames, m/s^2); None: the axis is near gravity."""
+    return _reading(pair.axis, *(np.array(up) for up in _in_links(pair, parent_accel, child_accel)))
+
+
+def readings(pair: Pair, parent_accel: Sequence[float], child_accel: Sequence[float]) -> tuple[float, ...] | None:
+    """`reading` of a joint of one axis or two, one angle an axis; None: gravity does not show them."""
+    axes = pair.joint.axes
+    if len(axes) == 1:
+        angle = reading(pair, parent_accel, child_accel)
+        return None if angle is None else (angle,)
+    turned = TwoAxes(axes, IDENTITY, (0.0, 0.0)).from_gravity(*_in_links(pair, parent_accel, child_accel))
+    return None if turned is None else joint_angles(axes, turned)
+
+
+def _in_links(pair: Pair, parent_accel: Sequence[float], child_accel: Sequence[float]) -> tuple[Vec3, Vec3]:
     one, two = (
-        np.array(rotate(sensor.mounting, (float(a[0]), float(a[1]), float(a[2]))))
+        rotate(sensor.mounting, (float(a[0]), float(a[1]), float(a[2])))
         for sensor, a in zip(pair.sensors, (parent_accel, child_accel), strict=True)
     )
-    return _reading(pair.axis, one, two)
+    return one, two
 
 
 def zeroed(
@@ -65,7 +81,7 @@ def zeroed(
     R_o by TRIAD from axis and gravity, for all joints at once. The sensors on the first links stay if they can.
 
     Args:
-        pairs: all hinges, chosen or not; those that are not go on reading what they do.
+        pairs: all joints of one axis or two, chosen or not; those that are not go on reading what they do.
         accel: sensor -> mean reading at rest, m/s^2, sensor frame, for the sensors of the chosen joints.
     """
     sensors = {sensor.name: sensor for pair in pairs for sensor in pair.sensors}
@@ -79,12 +95,20 @@ def zeroed(
         rows = [x / prior]
         for pair in pairs:
             one, two = (turns[sensor.name] for sensor in pair.sensors)
-            rows += [(turn.apply(pair.axis) - pair.axis) / _KEPT for turn in (one, two)]
+            first, second = pair.link_axes
+            rows += [(turn.apply(axis) - axis) / _KEPT for turn, axis in ((one, first), (two, second))]
             if pair.joint.name in chosen:
-                seen = ((turns[sensor.name] * before[sensor.name]).apply(accel[sensor.name]) for sensor in pair.sensors)
-                rows.append(np.array([(_reading(pair.axis, *seen) or 0.0) / _ZERO]))
-            else:
+                up, child_up = (
+                    (turns[sensor.name] * before[sensor.name]).apply(accel[sensor.name]) for sensor in pair.sensors
+                )
+                if len(pair.joint.axes) == 1:
+                    rows.append(np.array([(_reading(pair.axis, up, child_up) or 0.0) / _ZERO]))
+                else:
+                    rows.append((up / np.linalg.norm(up) - child_up / np.linalg.norm(child_up)) / _ZERO)
+            elif len(pair.joint.axes) == 1:
                 rows.append(np.array([pair.axis @ (one.as_rotvec() - two.as_rotvec()) / _ZERO]))
+            else:
+                rows.append(np.array([first @ one.as_rotvec(), second @ two.as_rotvec()]) / _ZERO)
         return np.concatenate(rows)
 
     turns = least_squares(residuals, np.zeros(3 * len(names)), x_scale=prior, method="trf").x
