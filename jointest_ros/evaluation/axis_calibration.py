@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation import hinge_equations as equations
-from jointest_ros.evaluation.axis_fit import Axis, AxisFit
+from jointest_ros.evaluation.axis_fit import Axis, AxisFit, spread
 from jointest_ros.evaluation.axis_problem import Problem, Solution
 from jointest_ros.evaluation.axis_uncertainty import covariance, followed
 from jointest_ros.evaluation.hinge_equations import Hinge, Scatter, frame_of, hinge_data
@@ -153,7 +153,7 @@ def _result(problem: Problem, solution: Solution, signed: bool) -> AxisFit:
         noise=problem.noise.gyro,
         misfit=scatter.gyro * math.sqrt(misfit / (2.0 * len(data))),
         joint_rate=float((rates[1] @ solution.frames[1][2] - rates[0] @ solution.frames[0][2]).std()),
-        link_rates=(_spread(rates[0]), _spread(rates[1])),
+        link_rates=(spread(rates[0]), spread(rates[1])),
         across_rate=float(np.hypot(*across)),
         time=data.time,
         residual_over_time=scatter.gyro * abs(r.across) / math.sqrt(2.0),
@@ -164,8 +164,3 @@ def _result(problem: Problem, solution: Solution, signed: bool) -> AxisFit:
 def _rms(values: FloatArray) -> float:
     """Of a component of (n,) complex numbers."""
     return math.sqrt(float(np.mean(abs(values) ** 2)) / 2.0)
-
-
-def _spread(rates: FloatArray) -> float:
-    """Of (n, 3) about their mean, all components together."""
-    return math.sqrt(float(np.sum(rates.var(axis=0))))

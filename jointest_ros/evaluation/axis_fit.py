@@ -93,3 +93,8 @@ class AxisFit:
     def determined(self) -> bool:
         """Both axes are."""
         return self.parent.determined and self.child.determined
+
+
+def spread(rates: FloatArray) -> float:
+    """Of (n, k) rates about their mean, all components together."""
+    return math.sqrt(float(np.sum(rates.var(axis=0))))

@@ -23,10 +23,11 @@ from scipy.spatial.transform import Rotation
 from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.rotation import between, rotate_inverse
-from jointest_ros.evaluation.axis_fit import Axis, AxisFit
+from jointest_ros.evaluation.axis_fit import Axis, AxisFit, spread
 from jointest_ros.evaluation.hinge_equations import Frames, HingeData, frame_of, hinge_data, tilted
 from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.joint_pairs import Pair
+from jointest_ros.evaluation.metrics import rms, rms_length
 
 _FEWEST = 4  # stretches
 _MOST = 60  # stretches: more take time and tell nothing
@@ -219,13 +220,13 @@ def _result(stretches: _Stretches, pair: Pair, frames: Frames, attitudes: FloatA
         child=axes[1],
         signed=True,
         windows=len(data),
-        residual=_rms(left),
-        residual_before=_rms(before),
+        residual=rms(left),
+        residual_before=rms(before),
         noise=noise,
-        misfit=math.sqrt(max(0.0, _rms(left) ** 2 - noise**2)),
-        joint_rate=math.sqrt(float(np.mean(np.sum(moved**2, axis=1)))),
-        link_rates=(_spread(rates[0]), _spread(rates[1])),
-        across_rate=_spread(rates[0] @ frames[0][:2].T),
+        misfit=math.sqrt(max(0.0, rms(left) ** 2 - noise**2)),
+        joint_rate=rms_length(moved),
+        link_rates=(spread(rates[0]), spread(rates[1])),
+        across_rate=spread(rates[0] @ frames[0][:2].T),
         time=data.time,
         residual_over_time=abs(left),
         residual_before_over_time=abs(before),
@@ -235,12 +236,3 @@ def _result(stretches: _Stretches, pair: Pair, frames: Frames, attitudes: FloatA
 def _length(data: HingeData) -> float:
     """Of a window, s."""
     return float(np.median(np.diff(data.time)))
-
-
-def _rms(values: FloatArray) -> float:
-    return math.sqrt(float(np.mean(values**2)))
-
-
-def _spread(rates: FloatArray) -> float:
-    """Of (n, k) about their mean, all components together."""
-    return math.sqrt(float(np.sum(rates.var(axis=0))))

@@ -63,12 +63,11 @@ class RelativePair(Pair):
             if m1 is not None and m2 is not None:
                 field_time = gaps.hold(frame.stamp, self.mag_stamp, measured)
                 self.mag_stamp, self.field = frame.stamp, m2
-        if self._two_axes is None or not self.gains.axes_weight:
-            rate = one_filter.step(turned, measured, mean1, mean2, a1, a2, m1, m2, field_time)
-        else:
+        axes = STILL
+        if self._two_axes is not None and self.gains.axes_weight:
             axes, seen = self._two_axes.correction(one_filter.rotation, a2)
             self._axes_seen = self.gains.axes_weight * seen
-            rate = one_filter.step(turned, measured, mean1, mean2, a1, a2, m1, m2, field_time, axes)
+        rate = one_filter.step(turned, measured, mean1, mean2, a1, a2, m1, m2, field_time, axes)
         self._imu1.before, self._imu2.before = w1, w2
         return self._output(frame.stamp, one_filter.rotation, rate, a2, elapsed)
 

@@ -24,6 +24,7 @@ from jointest_ros.evaluation.inspection.bodies import turn_as_one
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
 from jointest_ros.evaluation.inspection.hinges import STILL
 from jointest_ros.evaluation.joint_pairs import Pair, imu_on
+from jointest_ros.evaluation.metrics import rms
 
 _QUIET = 0.05  # of g, by which the norm of an accelerometer may differ where it tells the vertical
 _FEWEST, _MOST = 100, 3000  # windows
@@ -150,12 +151,8 @@ def _left_over(windows: _Windows, pair: Pair) -> _LeftOver | None:
         whole[less] = np.linalg.norm(moved, axis=1)[less]
     usable = clear & (abs(level) < math.sqrt(1.0 - _DEFINED**2) * size)  # not where both solutions meet
     fewer = usable if usable.sum() >= _FEWEST else clear
-    one, two = (_rms(rates[fewer, k]) for k in range(2))
-    return _LeftOver(_rms(best[fewer]), _rms(whole[fewer]), (one, two))
-
-
-def _rms(values: FloatArray) -> float:
-    return math.sqrt(float(np.mean(values**2)))
+    one, two = (rms(rates[fewer, k]) for k in range(2))
+    return _LeftOver(rms(best[fewer]), rms(whole[fewer]), (one, two))
 
 
 def _disagreement(pair: Pair, windows: _Windows, share: float) -> Finding:
@@ -178,7 +175,7 @@ def _disagreement(pair: Pair, windows: _Windows, share: float) -> Finding:
                 axis = Rotation.from_matrix(matrix).as_rotvec()
                 what = f"it is mounted turned by {math.degrees(np.linalg.norm(axis)):.0f} deg"
                 best, found = left, (sensor, "mounting", f"{what} about {_axis(axis)} of its link, or likewise")
-    action = "mend mounting:, axes: or topic:; compare its angles in poses that you know"
+    action = "mend mounting:, axes: or topic:; mountings up to 45 deg off: jointest calibrate axis"
     if found is None:
         return Finding(LOOK, pair.joint.name, "axis", text, action)
     subject, kind, reason = found
