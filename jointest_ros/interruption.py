@@ -1,4 +1,4 @@
-"""Ctrl-C while a program still loads, which takes a second: no traceback from the middle of an import."""
+"""A signal while a program still loads, which takes a second: no traceback from the middle of an import."""
 
 from __future__ import annotations
 
@@ -9,26 +9,31 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+_BY_DEFAULT: dict[signal.Signals, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+}  # of Python
+
 
 @contextmanager
-def ended_by_ctrl_c(text: str = "", code: int = 0) -> Iterator[None]:
-    """SIGINT ends the process at once, with `text` on standard error and this exit code.
+def ended_by(*numbers: signal.Signals, text: str = "", code: int = 0) -> Iterator[None]:
+    """SIGINT or SIGTERM ends the process at once, with `text` on standard error and this exit code.
 
-    Not by an exception: C code that is being imported turns one into an ImportError. Only where SIGINT would raise
-    KeyboardInterrupt: who ignores or handles it goes on doing so.
+    Not by an exception: C code that is being imported turns one into an ImportError. Only where the signal has Python's
+    own handler: who ignores or handles it goes on doing so.
     """
 
     def leave(*_: Any) -> None:
         os.write(2, text.encode())
         os._exit(code)
 
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    signal.signal(signal.SIGINT, leave)
+    main = threading.current_thread() is threading.main_thread()
+    ours = [number for number in numbers if main and signal.getsignal(number) is _BY_DEFAULT[number]]
+    for number in ours:
+        signal.signal(number, leave)
     try:
         yield
     finally:
-        if signal.getsignal(signal.SIGINT) is leave:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in ours:
+            if signal.getsignal(number) is leave:
+                signal.signal(number, _BY_DEFAULT[number])

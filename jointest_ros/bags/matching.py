@@ -9,6 +9,7 @@ from jointest_ros.bags.cdr import FLOAT32_MULTIARRAY, IMU, MAGNETIC_FIELD
 from jointest_ros.bags.intake import HALL_TOPIC
 from jointest_ros.bags.reader import absolute_name
 from jointest_ros.bags.survey import Survey
+from jointest_ros.core.errors import counted
 from jointest_ros.core.robot import Robot, Sensor
 from jointest_ros.evaluation.inspection.findings import LOOK, WRONG, Finding
 from jointest_ros.evaluation.inspection.stream import Stream
@@ -37,7 +38,8 @@ def match(survey: Survey, robot: Robot, namespace: str) -> tuple[dict[str, Strea
             findings += _choose(sensor, topic, own, streams)
     claimed = {(stream.topic, stream.frame_id) for stream in streams.values()}
     for topic in free:
-        text = f"topic '{topic}' ({survey.topics[topic][1]} messages) belongs to no sensor of the configuration"
+        messages = counted(survey.topics[topic][1], "message")
+        text = f"topic '{topic}' ({messages}) belongs to no sensor of the configuration"
         findings.append(Finding(LOOK, topic, "unused", text, "add a sensor with this topic:, or ignore it"))
     for stream in survey.streams:
         if stream.topic in taken and (stream.topic, stream.frame_id) not in claimed:
@@ -120,7 +122,6 @@ def _hall(survey: Survey, robot: Robot, namespace: str) -> Iterator[Finding]:
         text = f"topic '{topic}' of {FLOAT32_MULTIARRAY} is not in the recording{hint}"
         yield Finding(WRONG, "hall", "topic", text, "record it, or leave hall: out")
     elif survey.hall is not None and survey.hall[1].shape[1] != len(robot.hall):
-        text = (
-            f"messages have {survey.hall[1].shape[1]} voltages, the configuration {len(robot.hall)} sensors under hall:"
-        )
+        voltages, sensors = counted(survey.hall[1].shape[1], "voltage"), counted(len(robot.hall), "sensor")
+        text = f"messages have {voltages}, the configuration {sensors} under hall:"
         yield Finding(WRONG, "hall", "length", text, "list every place, one without sensor too (NaN)")

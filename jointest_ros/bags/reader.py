@@ -14,6 +14,7 @@ import yaml
 
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.storage import SUFFIXES, Storage, open_compressed, open_file
+from jointest_ros.core.errors import counted
 
 
 class BagReader:
@@ -115,11 +116,11 @@ class BagReader:
         except Exception as error:  # a damaged file makes rosbags raise whatever its parser trips over
             seconds = (time - self.start_ns) * 1e-9
             raise BagError(
-                f"{self.path}: damaged after {count} messages, {seconds:.3f} s into the bag: {error}"
+                f"{self.path}: damaged after {counted(count, 'message')}, {seconds:.3f} s into the bag: {error}"
             ) from None
         # rosbags passes over records that make no sense, and SQLite over rows
         if lost := max(0, sum(self.counts[topic] for topic in topics) - count):
-            raise BagError(f"{self.path}: damaged: {lost} messages that it should hold cannot be found")
+            raise BagError(f"{self.path}: damaged: {counted(lost, 'message')} that it should hold cannot be found")
 
     def _in_order(self, topics: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
         """One file after the other; those that overlap in time are merged."""

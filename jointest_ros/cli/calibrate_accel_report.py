@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from rich.table import Table
 
 from jointest_ros.cli.tables import columns
+from jointest_ros.core.errors import counted
 from jointest_ros.evaluation.accel_calibration import AccelFit
 from jointest_ros.evaluation.accel_plot import FittedAccel
 from jointest_ros.evaluation.metrics import rms_length
@@ -59,7 +60,7 @@ def heading(command: str, when: str, fitted: Sequence[FittedAccel], gravity: flo
         directions = "" if fit.model == "norm" else f": {','.join(one.poses)}"
         lines += [
             f"  {one.name}: {before} mg before, {after} mg after; {fit.model}, rank {fit.rank} of {fit.unknowns}",
-            f"    {len(one.poses)} poses{directions}",
+            f"    {counted(len(one.poses), 'pose')}{directions}",
         ]
         if fit.undetermined:
             untold = ", ".join(fit.undetermined)

@@ -8,6 +8,7 @@ from typing import Any
 
 from jointest_ros.bags.convert import FORMATS
 from jointest_ros.cli.common import Parsers, add_params, given_params, out, progress
+from jointest_ros.core.errors import counted
 
 
 def add_parser(commands: Parsers[Any]) -> None:
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     out.print(f"{summary.bag}: {summary.duration_s:.1f} s")
     for topic, count in summary.messages.items():
-        out.print(f"  {topic}  {count} messages")
+        out.print(f"  {topic}  {counted(count, 'message')}")
     for note in summary.notes:
         out.print(f"  {note}")
     return 0

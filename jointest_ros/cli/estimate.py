@@ -29,7 +29,7 @@ from jointest_ros.cli.common import (
     tell_calibration,
     warn,
 )
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, Series, Status
 
@@ -113,7 +113,7 @@ def _conclude(
     """Tell what came out; the exit code. `joints`: of each estimator; `lacking`: those of them without an estimate."""
     for text in outcome.warnings:
         warn(text)
-    out.print(f"{arguments.output}: {outcome.frames} frames, {', '.join(joints)}")
+    out.print(f"{arguments.output}: {counted(outcome.frames, 'frame')}, {', '.join(joints)}")
     for name, absent in lacking.items():
         if absent:
             warn(f"{name}: no estimate of {', '.join(absent)} in the whole recording")

@@ -16,7 +16,7 @@ from jointest_ros.cli.common import Parsers, complain, out, progress, write_json
 from jointest_ros.cli.inspect_report import advice_lines, joint_table, sensor_table, show_findings, topic_table, verdict
 from jointest_ros.config import Configuration
 from jointest_ros.config.soundness import soundness
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.evaluation.inspection.findings import WRONG, Finding, worst
 from jointest_ros.evaluation.inspection.recording import Inspection, Setup, inspect
@@ -67,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _inspect(seen: Survey, configuration: Configuration | None, namespace: str) -> Inspection:
     findings = [
-        Finding(WRONG, topic, "undecodable", f"{number} messages cannot be decoded", "is the publisher of that type?")
-        for topic, number in seen.undecodable.items()
+        Finding(WRONG, topic, "undecodable", f"{messages} cannot be decoded", "is the publisher of that type?")
+        for topic, messages in ((topic, counted(number, "message")) for topic, number in seen.undecodable.items())
     ]
     if configuration is None:
         streams, fields = _by_topic(seen.streams), _by_topic(seen.fields)

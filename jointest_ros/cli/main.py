@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
+import signal
 import sys
 from importlib import import_module
 from typing import Any
 
 from jointest_ros import __version__
-from jointest_ros.interruption import ended_by_ctrl_c
+from jointest_ros.interruption import ended_by
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -84,7 +85,7 @@ def make_parser(chosen: str) -> argparse.ArgumentParser:
 def main(args: list[str] | None = None) -> int:
     """Run one command; its exit code. Raises SystemExit for `--help` and for arguments that are none, with code 2."""
     args = sys.argv[1:] if args is None else args
-    with ended_by_ctrl_c("jointest: interrupted\n", INTERRUPTED):
+    with ended_by(signal.SIGINT, text="jointest: interrupted\n", code=INTERRUPTED):
         parser = make_parser(args[0] if args else "")
         if not args:
             parser.print_help()

@@ -8,7 +8,7 @@ from typing import Any
 
 from jointest_ros import config
 from jointest_ros.cli.common import OutputError, Parsers, load_estimators, out, write_text
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.view.foxglove import foxglove_layout
 from jointest_ros.view.urdf import robot_urdf
 
@@ -45,7 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     robot = configuration.robot
     if arguments.urdf is not None:
         write_text(arguments.urdf, robot_urdf(robot))
-        out.print(f"{arguments.urdf}: {len(robot.coordinates)} joint positions, {len(robot.sensors)} sensors")
+        positions, sensors = counted(len(robot.coordinates), "joint position"), counted(len(robot.sensors), "sensor")
+        out.print(f"{arguments.urdf}: {positions}, {sensors}")
     if arguments.foxglove is not None:
         chosen = [arguments.estimator] if arguments.estimator else None
         name, estimator = next(iter(load_estimators(configuration, chosen).items()))

@@ -40,6 +40,7 @@ from jointest_ros.core.robot import Robot, Sensor
 SECTIONS = ("hall", "accel", "gyro", "mountings", "learned")
 
 _SCALES = (0.5, 2.0)  # of a gyro
+_LARGEST_BIAS = 10.0  # rad/s, V or m/s^2: beyond every sensor
 _IDENTITY = ("joint", "mirrored")
 _FITTED = ("curve", "noise_v", "offset_v")
 _AS_CONFIGURED = "as in the configuration, or remove the file and calibrate again"
@@ -160,13 +161,17 @@ def _learned(document: dict[str, Any]) -> dict[str, Learned]:
         biases = {}
         for name, bias in read.section(given["biases"], f"{where}.biases").items():
             biases[name] = read.pair(bias, f"{where}.biases.{name}", "value, standard deviation")
+            if abs(biases[name][0]) > _LARGEST_BIAS:
+                raise read.refusal(f"{where}.biases.{name}", bias, f"a value of no more than {_LARGEST_BIAS:g}")
             if biases[name][1] < 0.0:
                 raise read.refusal(f"{where}.biases.{name}", bias, "a standard deviation of 0 or more")
         zero = {}
         for joint, numbers in read.section(given["zero"], f"{where}.zero").items():
             zero[joint] = read.number_list(numbers, f"{where}.zero.{joint}")
-            if len(numbers) not in (1, 4) or (len(numbers) == 4 and abs(math.hypot(*zero[joint]) - 1.0) > 1e-6):
-                raise read.refusal(f"{where}.zero.{joint}", numbers, "an angle, or x, y, z, w of length 1")
+            angle = len(numbers) == 1 and abs(zero[joint][0]) <= math.tau
+            rotation = len(numbers) == 4 and abs(math.hypot(*zero[joint]) - 1.0) <= 1e-6
+            if not (angle or rotation):
+                raise read.refusal(f"{where}.zero.{joint}", numbers, "an angle (rad) or x, y, z, w of length 1")
         found[estimator] = Learned(robot, biases, zero, saved)
     return found
 

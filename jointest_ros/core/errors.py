@@ -21,6 +21,11 @@ class CalibrationError(JointestError):
     """A calibration is refused; the text says what is missing (stillness, motion, data)."""
 
 
+def counted(number: int, thing: str) -> str:
+    """`1 message`, `2 messages`."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
 def did_you_mean(name: str, names: Iterable[str], otherwise: str = "") -> str:
     """The end of a line about an unknown name: the one of `names` that is like it; `otherwise`: none is."""
     near = difflib.get_close_matches(name, list(names), n=1)

@@ -22,6 +22,7 @@ class Estimator(ABC):
         Params: what a user can set.
         innovation_limit: root mean square of the `innovations` over a second above which something is wrong with the
             model; 1 where all is well.
+        unobservable: what it means that one of its joints is flagged UNOBSERVABLE.
 
     Instance attributes:
         joints: names of the positions that it estimates, the order of every tuple and column that it returns.
@@ -31,6 +32,7 @@ class Estimator(ABC):
     name: ClassVar[str]
     Params: ClassVar[type[ParameterSet]]
     innovation_limit: ClassVar[float] = 5.0
+    unobservable: ClassVar[str] = "axis near gravity: gyro only"
     joints: tuple[str, ...]
     unfit: str = ""
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jointest_ros.core.errors import counted
 from jointest_ros.core.frame import Frame, Vec3
 from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
 
@@ -202,7 +203,7 @@ class InputQuality:
 
     def saturation_text(self, what: str, count: int) -> str:
         """What to say of `count` saturated samples; `what`: a key of `saturated`."""
-        return f"{what}: {count} samples saturated at the full scale of {self._full_scales[what][1]}"
+        return f"{what}: {counted(count, 'sample')} saturated at the full scale of {self._full_scales[what][1]}"
 
     def _norm_finding(self, sensor: str) -> Iterator[str]:
         norm = self.rest_norm.get(sensor, STANDARD_GRAVITY)

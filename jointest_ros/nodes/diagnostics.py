@@ -18,6 +18,7 @@ from rclpy.node import Node
 
 from jointest_ros.bags.intake import Intake
 from jointest_ros.config import Configuration
+from jointest_ros.core.errors import counted
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate
 from jointest_ros.core.pcf.pair_checks import PairCheck, verdict
@@ -75,6 +76,7 @@ class Diagnostics:
         self._innovations = Innovations()
         self._reported: tuple[Estimate | None, int] = (None, 0)  # the newest and their number, of the latest report
         self._reported_at = time.monotonic()
+        self._resets = 0
         self._complaints: dict[str, str] = {}  # what was last in the log about pairs and innovations
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -179,6 +181,10 @@ class Diagnostics:
         for one in self._inputs.values():
             for text in one.log:
                 logger.warning(text)
+        before, self._resets = self._resets, self._intake.assembler.resets
+        if self._resets > before:
+            times = counted(self._resets, "time")
+            logger.warning(f"the stamps of the inputs jumped ({times} so far): a clock, or a looping bag?")
         now = {one.name for one in self._inputs.values() if one.silent}
         if now - silent_before:
             logger.warning(f"no messages on {', '.join(sorted(now - silent_before))}")

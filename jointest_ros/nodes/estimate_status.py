@@ -20,7 +20,6 @@ _WORDS = {
     Status.STARTING: "no estimate yet",
     Status.NO_DATA: "a sensor is missing",
     Status.GAP: "predicted over a gap",
-    Status.UNOBSERVABLE: "axis near gravity: gyro only",
     Status.STALE: "stale: not published",
     Status.DISTURBED: "correction suspended",
 }
@@ -74,7 +73,8 @@ def joint_entry(
         return DiagnosticStatus.STALE, "; ".join([NOTHING_YET, *unsound]), {}
     flags = Status(estimate.status[number])
     told = flags & ~_BY_READINGS if unsound else flags
-    words = [text for flag, text in _WORDS.items() if told & flag] + list(unsound)
+    words = [text for flag, text in (_WORDS | {Status.UNOBSERVABLE: estimator.unobservable}).items() if told & flag]
+    words += unsound
     deviation = math.degrees(math.sqrt(estimate.variance[number]))
     if ratio is not None and ratio > estimator.innovation_limit and not unsound:
         words.append(f"innovations {ratio:.1f} times larger than the noise model")

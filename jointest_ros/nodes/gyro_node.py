@@ -11,3 +11,7 @@ from jointest_ros.nodes.estimator_node import run
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable."""
     return run("gyro", __doc__, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from jointest_ros.bags.intake import Intake
+from jointest_ros.core.assembler_inputs import NEVER
 from jointest_ros.nodes.estimate_status import Entry, yes_no
 from jointest_ros.nodes.publishers import InputTopic
 
+_MISSING = 0.2  # share of the samples: estimates suffer
+_FEWEST = 10  # samples that a share is told of
 _WARN_AGAIN = 5.0  # s between warnings about refused messages of the same topic
 
 
@@ -35,6 +38,8 @@ class Input:
         self._received = 0
         self._refused: dict[str, int] = {}
         self._used = dict.fromkeys(intake.sources(topic), 0)
+        self._stamps = {sensor: (source.last, source.received) for sensor, source in intake.sources(topic).items()}
+        self._resets = 0
         self._saturated: dict[str, int] = {}
         self._conspicuous = False
         self._told: set[str] = set()  # of the publishers
@@ -49,7 +54,7 @@ class Input:
         self._refused = counts["refused"]
         self.silent = not received
         saturated = self._intake.saturated(self._topic)
-        findings = self._intake.findings(self._topic)
+        findings = [*self._intake.findings(self._topic), *self._missing()]
         self._log_findings(findings)
         for what, n in saturated.items():
             if new := n - self._saturated.get(what, 0):
@@ -94,6 +99,18 @@ class Input:
             values[f"not finite{ending}"] = source.refused["not finite"]
             values[f"frozen{ending}"] = yes_no(sensor in frozen)
         return values
+
+    def _missing(self) -> Iterator[str]:
+        """Which sensors have lost many of their samples since the report before, by the stamps of those that came."""
+        before, self._resets = self._resets, self._intake.assembler.resets
+        for sensor, source in self._intake.sources(self._topic).items():
+            (last, received), self._stamps[sensor] = self._stamps[sensor], (source.last, source.received)
+            if not source.period or last == NEVER or before != self._resets:
+                continue
+            due = (source.last - last) / source.period
+            share = 1.0 - (source.received - received) / due if due >= _FEWEST else 0.0
+            if share > _MISSING:
+                yield f"{share:.0%} of the samples of {sensor} are missing"
 
     def _age(self) -> str:
         return f"{(time.monotonic_ns() - self.arrived) * 1e-9:.2f}" if self.arrived else "never received"

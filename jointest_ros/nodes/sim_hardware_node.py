@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool
 from jointest_ros.bags.cdr_encode import encode_clock
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.synthetic import Message
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.params import Params, param
 from jointest_ros.nodes.messages import CLASSES, SENSORS
 from jointest_ros.nodes.parameters import ProcessParams, check_names, construction, declare, overrides
@@ -86,7 +86,9 @@ class SimHardwareNode(Node):
             )
         check_names(self, PlayParams, *([source.options] if source else []))
         self._playback = (
-            SimulatedPlayback(source, declare(self, source.options)) if source else open_bag(self.params.bag)
+            SimulatedPlayback(source, declare(self, source.options))
+            if source
+            else open_bag(self.params.bag, self.params.config)
         )
         best_effort, reliable = (
             QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=reliability)
@@ -169,7 +171,7 @@ class SimHardwareNode(Node):
             self._next, self._origin = next(self._messages, None), None
         elif now - self._sent_at >= _LINGER:
             self.finished = True
-            self.get_logger().info(f"finished: {self.sent} messages")
+            self.get_logger().info(f"finished: {counted(self.sent, 'message')}")
 
     def destroy_node(self) -> None:
         """Free the recording and the node."""
@@ -185,3 +187,7 @@ def main(args: list[str] | None = None) -> int:
     sections |= {f"parameters with source:={rig.name}": rig.options for rig in SCENARIOS.values()}
     sections |= {f"parameters with source:={OWN}": OWN_OPTIONS}
     return run(SimHardwareNode, "sim_hardware_node", __doc__, sections, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

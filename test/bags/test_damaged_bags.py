@@ -187,7 +187,7 @@ def test_messages_that_are_silently_passed_over(make_bag: MakeBag, data_file: Da
     at = content.index(expected[40][2])
     data_file(path).write_bytes(content[: at - 31] + b"\x70" + content[at - 30 :])
     messages = []
-    with BagReader(path) as bag, pytest.raises(BagError, match="damaged: 1 messages that it should hold"):
+    with BagReader(path) as bag, pytest.raises(BagError, match="damaged: 1 message that it should hold"):
         for message in bag.messages():
             messages.append(message)
     assert messages == expected[:40] + expected[41:]

@@ -232,8 +232,10 @@ def test_a_node_leaves_out_a_damaged_file_as_a_whole(content: str, robot: Path, 
         ("learned: {pcf: {robot: r, saved: s, biases: {a: 1.0}, zero: {}}}", "learned.pcf.biases.a: 1.0 is not"),
         ("learned: {pcf: {robot: r, saved: s, biases: {a: [.nan, 1]}, zero: {}}}", "learned.pcf.biases.a: [nan, 1]"),
         ("learned: {pcf: {robot: r, saved: s, biases: {a: [1, -1]}, zero: {}}}", "give a standard deviation of 0 or"),
-        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1, 2]}}}", "give an angle, or x, y, z, w"),
-        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1, 1, 1, 1]}}}", "give an angle, or x, y, z, w"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {a: [1e3, 1]}, zero: {}}}", "give a value of no more than 10"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1e3]}}}", "give an angle (rad) or"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1, 2]}}}", "give an angle (rad) or x, y, z, w"),
+        ("learned: {pcf: {robot: r, saved: s, biases: {}, zero: {a: [1, 1, 1, 1]}}}", "or x, y, z, w of length 1"),
     ],
 )
 def test_sections_by_sensor_are_refused_with_their_key(text: str, expected: str, robot: Path, calibrated: Path) -> None:

@@ -17,16 +17,16 @@ Process = subprocess.Popen[str]
 Completed = subprocess.CompletedProcess[str]
 
 
-def _command(name: str, module: str) -> list[str]:
-    """What `ros2 run jointest_ros <name>` starts where the package is installed, the same by Python where it is not."""
+def _command(name: str, *without: str) -> list[str]:
+    """What `ros2 run jointest_ros <name>` starts where the package is installed; else Python with arguments."""
     installed = Path(sys.prefix, "lib", "jointest_ros", name)
-    if installed.exists():
-        return [str(installed)]
-    return [sys.executable, "-c", f"import sys; from {module} import main; sys.exit(main())"]
+    return [str(installed)] if installed.exists() else [sys.executable, *without]
 
 
-_COMMANDS = {"jointest": _command("jointest", "jointest_ros.cli.main")} | {
-    name: _command(name, f"jointest_ros.nodes.{name}")
+_COMMANDS = {
+    "jointest": _command("jointest", "-c", "import sys; from jointest_ros.cli.main import main; sys.exit(main())")
+} | {
+    name: _command(name, "-m", f"jointest_ros.nodes.{name}")
     for name in ("sim_hardware_node", *(f"{estimator}_node" for estimator in ESTIMATORS))
 }
 

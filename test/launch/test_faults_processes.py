@@ -48,6 +48,7 @@ class Hardware:
             topic: self.node.create_publisher(Float32MultiArray if topic == HALL_TOPIC else Imu, topic, QOS)
             for topic in topics
         }
+        self.known: set[bytes] = set()  # endpoints of estimators that were connected
         self.heard: dict[str, list[bytes]] = {name: [] for name in rig.estimators}
         for name, states in self.heard.items():
             self.node.create_subscription(JointState, f"{name}/joint_states", states.append, QOS, raw=True)
@@ -69,11 +70,16 @@ class Hardware:
         return True
 
     def connect(self) -> None:
-        """Wait until every estimator hears all topics, and is heard."""
-        for topic, publisher in self.publishers.items():
-            self.until(lambda one=publisher: one.get_subscription_count() == len(self.heard), topic)
-        for name in self.heard:
-            self.until(lambda name=name: self.node.count_publishers(f"{name}/joint_states") == 1, name)
+        """Wait until all estimators that were started last hear all topics, and are heard."""
+        expected = len(self.heard) * (len(self.publishers) + 1)
+        self.until(lambda: len(self._endpoints() - self.known) == expected, "estimators")
+        self.known |= self._endpoints()
+
+    def _endpoints(self) -> set[bytes]:
+        """Identifiers of what hears this hardware and of what it hears; a killed process is there for 20 s more."""
+        found = [self.node.get_subscriptions_info_by_topic(topic) for topic in self.publishers]
+        found += [self.node.get_publishers_info_by_topic(f"{name}/joint_states") for name in self.heard]
+        return {bytes(one.endpoint_gid) for infos in found for one in infos}
 
     def play(self, stream: Stream) -> None:
         """Publish; a tick that none or only some estimators answer, because they only begin, costs a moment."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -156,10 +156,20 @@ class Bench:
             publishers[topic].publish(data)
             expected += 1
             if number % 100 == 0:
-                self.until(partial(_has_received, node, expected))
-        self.until(partial(_has_received, node, expected), f"{expected} messages to be received")
+                self.receive({node: expected})
+        self.receive({node: expected})
         for publisher in publishers.values():
             self.probe.destroy_publisher(publisher)
+
+    def receive(self, expected: Mapping[EstimatorNode, int]) -> None:
+        """Spin until nodes have had so many messages on all their topics."""
+        for node, number in expected.items():
+            for _ in range(number - received(node)):  # looking each time would take longer than what is done
+                self.executor.spin_once(timeout_sec=0.0)
+        self.until(
+            lambda: all(received(node) >= number for node, number in expected.items()),
+            f"{sum(expected.values())} messages to be received",
+        )
 
 
 def _keep(received: list[Any], wanted: Wanted, message: Any) -> None:
@@ -170,10 +180,6 @@ def _keep(received: list[Any], wanted: Wanted, message: Any) -> None:
 def received(node: EstimatorNode) -> int:
     """Number of messages that a node has had on all its topics."""
     return sum(node.intake.counts(topic)["messages"] for topic in node.intake.topics)
-
-
-def _has_received(node: EstimatorNode, number: int) -> bool:
-    return received(node) >= number
 
 
 class Diagnoses:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_bench import Bench, Report, queue, values
@@ -86,6 +88,39 @@ def test_sensors_on_one_topic_are_told_apart(bench: Bench, finger_config: Path, 
     assert {key for key in told if key.startswith("rate")} == {f"rate (Hz): {name}" for name in names}
     assert told["rate (Hz): middle"] == "0.0"
     assert float(told["rate (Hz): palm"]) > 0.0
+
+
+@pytest.mark.parametrize(("lost", "level"), [((0, 1, 3, 7), DiagnosticStatus.WARN), ((0,), DiagnosticStatus.OK)])
+def test_a_sensor_that_loses_many_samples(
+    bench: Bench, finger_config: Path, lost: tuple[int, ...], level: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four of ten are told, one of ten is not; of the others nothing."""
+    monkeypatch.setattr(diagnostics, "PERIOD", 1e3)  # one report of all, when it is asked for
+    node = bench.estimator(finger_config)
+    reports = bench.diagnostics(node)
+    for begin in (0, 4 * 100):
+        part = list(enumerate(FINGER))[begin : begin + 4 * 100]
+        bench.send(node, [one for number, one in part if not (begin and one[0] == VICTIM and number // 4 % 10 in lost)])
+        node._diagnostics.publish()
+        report = reports.next()
+    found = {topic.split("/")[-1]: status for topic, status in inputs_of(report).items()}
+    assert found["middle"].level == level
+    assert ("40% of the samples of middle are missing" in found["middle"].message) == (level == DiagnosticStatus.WARN)
+    assert all(found[name].level == DiagnosticStatus.OK for name in ("palm", "proximal", "distal"))
+
+
+def test_stamps_that_jump_are_in_the_log(bench: Bench, finger_config: Path) -> None:
+    node = bench.estimator(finger_config)
+    log = bench.log(node)
+    for jumps in range(3):
+        bench.send(node, FINGER)
+        if jumps:
+            words = f"the stamps of the inputs jumped ({jumps} time{'s' * (jumps > 1)} so far)"
+            bench.until(partial(_logged, log, words), words)
+
+
+def _logged(log: list[Log], words: str) -> bool:
+    return any(words in one.msg for one in log)
 
 
 def test_what_is_told_of_the_estimator(bench: Bench, finger_config: Path) -> None:

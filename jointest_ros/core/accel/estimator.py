@@ -37,6 +37,8 @@ class AccelEstimator(Estimator):
         ConfigurationError: see `joint_arrays`.
     """
 
+    unobservable = "the force at the joint is too weak to tell its angle"
+
     def __init__(self, robot: Robot, params: Params | None = None, timing: Timing | None = None) -> None:
         super().__init__(robot, params, timing)
         self.arrays = joint_arrays(robot)

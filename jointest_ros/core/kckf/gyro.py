@@ -52,6 +52,7 @@ class Gyro(LinkageEstimator):
     """
 
     name = "gyro"
+    unobservable = "gyro only, as ever with this estimator: it drifts"
     fuses_hall = False
     Params = GyroParams
     params: GyroParams

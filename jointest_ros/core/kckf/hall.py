@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Status, Vec3
 from jointest_ros.core.hall_sensor import HallSensor
@@ -102,7 +102,8 @@ class Hall(Estimator):
         self._joints = []
         for name, own in zip(self.joints, self.linkage.hall, strict=True):
             if len(own) < number and own:
-                raise ConfigurationError(f"sensor: {number} is not allowed; '{name}' has {len(own)} Hall sensors")
+                has = counted(len(own), "Hall sensor")
+                raise ConfigurationError(f"sensor: {number} is not allowed; '{name}' has {has}")
             chosen = [own[number - 1]] if number and own else own
             sensors = [(index, robot.hall[index]) for index in chosen]
             self._joints.append(HallJoint(sensors, number > 0, math.radians(self.params.gap_rate_dps)))

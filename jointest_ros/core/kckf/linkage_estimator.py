@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from jointest_ros.core.errors import ConfigurationError
+from jointest_ros.core.errors import ConfigurationError, counted
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import Estimate, FloatArray, Frame, Quat, Recording, Series, Status, Vec3
 from jointest_ros.core.kckf.hall_watch import HallWatch
@@ -41,6 +41,7 @@ class LinkageEstimator(Estimator):
         gap_rate_dps: standard deviation of a rate that nobody measured.
     """
 
+    unobservable = "no Hall reading holds it: gyro only"
     fuses_hall: ClassVar[bool] = True
 
     def __init__(
@@ -294,4 +295,5 @@ def _saturation(linkage: Linkage, gap_rate: float) -> list[tuple[SaturatedGyros,
 def check_voltages(robot: Robot, count: int) -> None:
     """Raise ConfigurationError unless `count` voltages are what the robot's Hall sensors give."""
     if count != len(robot.hall):
-        raise ConfigurationError(f"hall voltages: {count} in a frame; the robot has {len(robot.hall)} Hall sensors")
+        sensors = counted(len(robot.hall), "Hall sensor")
+        raise ConfigurationError(f"hall voltages: {count} in a frame; the robot has {sensors}")
