@@ -32,7 +32,7 @@ START_VARIANCE = 0.25  # rad^2, of the first angle: it may be taken while the ro
 _LEAST_LEVER = 0.03  # squared sine of the angle between axis and gravity (10 deg) below which gravity tells nothing
 _NO_DATA, _GAP, _STALE, _STARTING = int(Status.NO_DATA), int(Status.GAP), int(Status.STALE), int(Status.STARTING)
 _UNOBSERVABLE, _DISTURBED = int(Status.UNOBSERVABLE), int(Status.DISTURBED)
-_VARIANCE_STEP = 9e-3  # s
+_VARIANCE_STEP = 0.019  # s
 _LISTS = ("zero", "position", "velocity", "variance", "status", "unobservable", "field")
 
 # positions rad, velocities rad/s, variances rad^2, `Status` flags: one entry an axis of the joint
@@ -185,7 +185,7 @@ class Pair:
     def _judge(self, stamp: int, angles: tuple[float, ...], a2: Vec3, added: float) -> None:
         """Variances, with `added` rad^2 that nobody measured, and flags of what is not seen.
 
-        They change within tenths of a second: it is enough every few milliseconds, and half the cost of a step.
+        They change within tenths of a second: every 20 ms is enough, and they are half the cost of a step.
         """
         turns, seen = self._turns(angles, a2), self._seen(stamp, a2)
         unobservable = [seen <= _LEAST_LEVER and turn >= 1.0 - _LEAST_LEVER for turn in turns]
