@@ -72,6 +72,20 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def song(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """A function that converts a file of the set `song`, 25 minutes long, once. Not to be changed."""
+    folder = tmp_path_factory.mktemp("song")
+
+    def converted(name: str) -> Path:
+        bag = folder / Path(name).stem
+        if not bag.exists():
+            assert call("convert", "song", shared_data / "song" / name, "-o", bag).code == 0
+        return bag
+
+    return converted
+
+
 @pytest.fixture
 def damaged(tmp_path: Path) -> Path:
     """A recording of 40 s that broke off; its configuration is that of `finger`."""

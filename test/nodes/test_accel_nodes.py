@@ -35,7 +35,7 @@ def test_side_by_side_they_give_what_the_offline_evaluation_gives(
     velocities = {name: bench.listen(f"{name}/link_velocities", Float64MultiArray) for name in NAMES[1:]}
     covariances = bench.listen("accel_ekf/joint_covariance", Float64MultiArray)
     nodes = {name: bench.estimator(config, name, name, sensor_namespace=bench.namespace) for name in NAMES}
-    hardware = bench.hardware(source="two_link_arm", **options)
+    hardware = bench.hardware(source="two_link_arm", speed=1000.0 / rate_hz, **options)
     bench.until(lambda: hardware.finished, "the end of the simulation")
     for name in NAMES:
         expected = evaluate(bag, config, name)

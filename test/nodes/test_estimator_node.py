@@ -23,7 +23,7 @@ from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Series
 from jointest_ros.core.pcf.params import PcfParams
-from jointest_ros.nodes import estimator_node, services
+from jointest_ros.nodes import diagnostics, estimator_node, services
 from jointest_ros.nodes.estimator_node import EstimatorNode, NodeParams
 from jointest_ros.nodes.parameters import tunable
 from jointest_ros.nodes.sim_hardware_node import SimHardwareNode
@@ -135,8 +135,9 @@ KINDS: dict[str, tuple[str, str, dict[str, float], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_every_estimator_is_tuned_while_it_runs(name: str, bench: Bench) -> None:
+def test_every_estimator_is_tuned_while_it_runs(name: str, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Numbers with a fraction change and the state stays; what shapes the state is refused with the reason."""
+    monkeypatch.setattr(diagnostics, "PERIOD", 0.1)
     source, rig, tuning, structure = KINDS[name]
     path = Path(__file__).resolve().parents[2] / "config" / source
     messages = simulated(rig, rate_hz=100.0, duration_s=2.0)

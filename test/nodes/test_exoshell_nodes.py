@@ -21,6 +21,7 @@ from jointest_ros.bags.intake import HALL_TOPIC, Intake
 from jointest_ros.bags.reader import BagReader
 from jointest_ros.core.catalogue import ESTIMATORS
 from jointest_ros.core.frame import Estimate
+from jointest_ros.nodes import diagnostics
 from jointest_ros.nodes.estimator_node import EstimatorNode
 from jointest_ros.sim.exoshell import ExoshellOptions, stretches
 
@@ -128,7 +129,10 @@ def test_a_slower_hall_topic_is_used_once_each(bench: Bench, exoshell: Path, tmp
         (encode_float32_multiarray((1e30,) * 8), "implausible"),
     ],
 )
-def test_bad_hall_messages_are_refused_and_counted(data: bytes, cause: str, bench: Bench, exoshell: Path) -> None:
+def test_bad_hall_messages_are_refused_and_counted(
+    data: bytes, cause: str, bench: Bench, exoshell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnostics, "PERIOD", 0.1)
     node = bench.estimator(exoshell, "kckf")
     log = bench.log(node)
     publisher = bench.probe.create_publisher(Float32MultiArray, HALL_TOPIC, queue())
