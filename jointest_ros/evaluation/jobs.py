@@ -190,14 +190,20 @@ def _on_cluster(jobs: dict[int, partial[ResultT]], address: str) -> Outcomes:
     """By the workers of a cluster. What a dead one takes with it, the scheduler gives to another one."""
     with _cluster(address) as executor:
         here, wanted = str(Path.cwd()), software()
-        futures = {executor.submit(_call, here, wanted, job): number for number, job in jobs.items()}
-        for future in as_completed(futures):
-            outcome = _outcome(future)
-            if type(outcome).__name__ == "KilledWorker":
-                raise WorkerError(f"--scheduler {address}: workers died again and again on the same job: {outcome}")
-            if isinstance(outcome, CancelledError):
-                raise WorkerError(f"--scheduler {address}: the scheduler went away before all was done")
-            yield futures[future], outcome
+        left, rounds = dict(jobs), 0
+        while left:
+            rounds += 1
+            futures = {executor.submit(_call, here, wanted, job): number for number, job in left.items()}
+            for future in as_completed(futures):
+                outcome = _outcome(future)
+                if type(outcome).__name__ == "KilledWorker":
+                    raise WorkerError(f"--scheduler {address}: workers died again and again on the same job: {outcome}")
+                if isinstance(outcome, CancelledError):
+                    raise WorkerError(f"--scheduler {address}: the scheduler went away before all was done")
+                if type(outcome) is ValueError and rounds < _DEATHS:
+                    continue  # Dask stumbles over a result whose worker dies while it is on its way here: once more
+                del left[futures[future]]
+                yield futures[future], outcome if isinstance(outcome, Exception) else outcome[0]
 
 
 @contextmanager
@@ -239,10 +245,13 @@ def _check_software(client: Any, address: str) -> None:
             raise WorkerError(f"--scheduler {address}: {worker} has jointest_ros {found}, but here is {wanted}")
 
 
-def _call(folder: str, wanted: str, job: partial[ResultT]) -> ResultT:
-    """In a worker of a cluster, also one that came late: paths mean what they mean here, if it has the same folders."""
+def _call(folder: str, wanted: str, job: partial[ResultT]) -> tuple[ResultT]:
+    """In a worker of a cluster, also one that came late: paths mean what they mean here, if it has the same folders.
+
+    The result is wrapped, so that Dask never takes it for the three parts of an exception (see `_on_cluster`).
+    """
     if software() != wanted:
         raise WorkerError(f"--scheduler: a worker has jointest_ros {software()}, but here is {wanted}")
     with suppress(OSError):
         os.chdir(folder)
-    return job()
+    return (job(),)

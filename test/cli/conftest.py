@@ -73,14 +73,14 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def song(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """A function that converts a file of the set `song`, 25 minutes long, once. Not to be changed."""
-    folder = tmp_path_factory.mktemp("song")
+def published(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """A function that converts a file of a public data set, once: the recording. Not to be changed."""
+    folder = tmp_path_factory.mktemp("published")
 
-    def converted(name: str) -> Path:
-        bag = folder / Path(name).stem
+    def converted(form: str, source: str) -> Path:
+        bag = folder / form / Path(source).stem
         if not bag.exists():
-            assert call("convert", "song", shared_data / "song" / name, "-o", bag).code == 0
+            assert call("convert", form, shared_data / form / source, "-o", bag).code == 0
         return bag
 
     return converted

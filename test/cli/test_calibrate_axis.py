@@ -20,8 +20,10 @@ from jointest_ros.bags.reader import BagReader
 from jointest_ros.bags.writer import BagWriter
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.rotation import IDENTITY, rotate_inverse
+from jointest_ros.evaluation.measures import angle_between
 
 Jointest = Callable[..., Any]
+Published = Callable[[str, str], Path]
 SENSORS = ("palm", "proximal", "middle", "distal")
 JOINTS = ("finger_mcp", "finger_pip", "finger_dip")
 
@@ -79,8 +81,7 @@ def axis_errors(configuration: Path, bag: Path) -> dict[tuple[str, str], float]:
     for number, joint in enumerate(JOINTS):
         for sensor in SENSORS[number : number + 2]:
             found, true = (axis(robot, sensor, number) for robot in robots)
-            sine = float(np.linalg.norm(np.cross(found, true)))
-            errors[joint, sensor] = math.degrees(math.atan2(sine, float(found @ true)))
+            errors[joint, sensor] = math.degrees(angle_between(found, true))
     return errors
 
 
@@ -278,11 +279,11 @@ def test_joints_of_three_axes_are_left_out_with_a_word(jointest: Jointest, run: 
     ("source", "configuration"), [("raw_pitch_slow", "song_pitch.yaml"), ("raw_roll_medium", "song_roll.yaml")]
 )
 def test_a_real_hinge_whose_base_is_fixed(
-    source: str, configuration: str, jointest: Jointest, song: Callable[[str], Path], tmp_path: Path
+    source: str, configuration: str, jointest: Jointest, published: Published, tmp_path: Path
 ) -> None:
     """The axis in the fixed IMU does not show, and must not be made up; in the other one it is near that of the rig."""
     bag = tmp_path / "song"
-    with BagReader(song(f"{source}.mat")) as reader, BagWriter(bag) as writer:
+    with BagReader(published("song", f"{source}.mat")) as reader, BagWriter(bag) as writer:
         for topic in ("/imu/imu_1", "/imu/imu_2"):
             writer.add_topic(topic, reader.topics[topic])
         for topic, time, data in reader.messages(("/imu/imu_1", "/imu/imu_2")):
@@ -299,7 +300,8 @@ def test_a_real_hinge_whose_base_is_fixed(
     assert jointest("calibrate", "axis", bag, "-c", robot, "--keep", "imu_1").code == 0
     calibrated = config.load(robot).robot
     axis = calibrated.joints[0].axes[0]
-    off = math.degrees(math.acos(float(np.dot(rotate_inverse(calibrated.sensor("imu_2").mounting, axis), axis))))
+    found = np.array(rotate_inverse(calibrated.sensor("imu_2").mounting, axis))
+    off = math.degrees(angle_between(found, np.array(axis)))
     print(f"{source}: {off:.2f} deg from the axis of the rig")
     assert 0.5 < off < 3.0  # the principal direction of its gyro is 1.6 and 1.9 deg off
     assert calibrated.sensor("imu_1").mounting == IDENTITY

@@ -85,14 +85,13 @@ def test_real_recordings(
     configuration: str,
     told: set[str],
     jointest: Jointest,
-    shared_data: Path,
+    published: Callable[[str, str], Path],
     tmp_path: Path,
 ) -> None:
     """In the first one stamps are repeated, and imu_1 on the base says the same from 765 s to the end."""
     if form == "broad":
         pytest.importorskip("h5py")
-    bag = tmp_path / "bag"
-    assert jointest("convert", form, shared_data / form / source, "-o", bag).code == 0
+    bag = published(form, source)
     code, findings = inspected(jointest, tmp_path, bag, "--config", CONFIGURATIONS / configuration)
     assert {kind for _, _, kind in not_ok(findings)} == told
     assert code == int("frozen" in told)

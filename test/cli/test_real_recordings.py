@@ -14,16 +14,14 @@ CONFIGURATIONS = Path(__file__).resolve().parents[2] / "config"
 
 
 @pytest.fixture(scope="module")
-def evaluate(jointest: Callable[..., Any], shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Evaluate:
-    """A function that converts a file, once, and evaluates it; returns the figures of `pcf`."""
-    folder = tmp_path_factory.mktemp("real")
+def evaluate(
+    jointest: Callable[..., Any], published: Callable[[str, str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Evaluate:
+    """A function that converts a file and evaluates it; returns the figures of `pcf`."""
+    figures = tmp_path_factory.mktemp("real") / "figures.json"
 
     def run(form: str, source: str, configuration: Path, *options: object) -> Any:
-        bag = folder / Path(source).stem
-        if not bag.exists():
-            assert jointest("convert", form, shared_data / form / source, "-o", bag).code == 0
-        figures = folder / "figures.json"
-        result = jointest("evaluate", bag, "-c", configuration, *options, "--json", figures)
+        result = jointest("evaluate", published(form, source), "-c", configuration, *options, "--json", figures)
         assert (result.code, result.err) == (0, "")
         document = json.loads(figures.read_text(encoding="utf-8"))
         for counts in document["input"].values():

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import pickle
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from parallel_jobs import count, die, refuse, software, walk, walk_or_die, where
@@ -36,6 +38,19 @@ def test_a_worker_that_is_killed_costs_nothing(two: Workers, tmp_path: Path) -> 
     results = list(jobs.run([partial(walk_or_die, seed, str(tmp_path)) for seed in SEEDS], two))
     assert (tmp_path / "died").exists()
     assert results == [walk(seed) for seed in SEEDS]
+
+
+def test_a_result_that_is_lost_on_its_way_is_computed_again(cluster: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What Dask makes of a result whose worker dies at that moment."""
+    outcome, seen = jobs._outcome, []
+
+    def losing(future: Future[Any]) -> Any:
+        seen.append(future)
+        return ValueError("not enough values to unpack (expected 3, got 1)") if len(seen) == 2 else outcome(future)
+
+    monkeypatch.setattr(jobs, "_outcome", losing)
+    assert list(jobs.run(WALKS, Workers(scheduler=cluster))) == [walk(seed) for seed in SEEDS]
+    assert len(seen) == len(WALKS) + 1
 
 
 def test_a_job_that_kills_every_worker_is_told(two: Workers) -> None:
