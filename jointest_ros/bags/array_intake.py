@@ -13,7 +13,7 @@ from jointest_ros.bags.cdr import IMU, MAGNETIC_FIELD
 from jointest_ros.bags.cdr_arrays import decode_float32_multiarrays, decode_imus
 from jointest_ros.bags.intake import Intake
 from jointest_ros.core.frame import FloatArray, Frame, Recording
-from jointest_ros.core.frame_block import Block, Samples, add_block, is_between_frames
+from jointest_ros.core.frame_block import Block, Samples, add_block
 
 Message = tuple[str, int, bytes]  # topic, record time ns, CDR bytes
 Stretch = Recording | list[Frame]  # consecutive frames
@@ -63,7 +63,7 @@ class ArrayIntake:
         return self._stretch(self._one_by_one(messages) + self._intake.flush())
 
     def _may_begin(self) -> bool:
-        return len(self._like) == len(self._found) and is_between_frames(self._intake.assembler)
+        return len(self._like) == len(self._found) and self._intake.assembler.is_between_frames
 
     def _one_by_one(self, messages: list[Message]) -> list[Frame]:
         frames: list[Frame] = []

@@ -18,7 +18,7 @@ from jointest_ros.cli.calibrate_common import add_options, command, finish, pict
 from jointest_ros.cli.common import Parsers, out, progress, warn
 from jointest_ros.config import Configuration, calibration
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
-from jointest_ros.core.frame import FloatArray, Vec3
+from jointest_ros.core.frame import Vec3, vec3
 from jointest_ros.core.robot import STANDARD_GRAVITY, Robot, Sensor
 from jointest_ros.evaluation import accel_plot
 from jointest_ros.evaluation.accel_calibration import AccelFit, fit_directions, fit_norm
@@ -204,10 +204,5 @@ def _fit_one(
 
 
 def _calibrated(sensor: Sensor, fit: AccelFit) -> Sensor:
-    x, y, z = (_vector(row) for row in fit.matrix)
-    return replace(sensor, accel_matrix=(x, y, z), accel_offset=_vector(fit.offset))
-
-
-def _vector(values: FloatArray) -> Vec3:
-    x, y, z = values.tolist()
-    return (x, y, z)
+    x, y, z = map(vec3, fit.matrix)
+    return replace(sensor, accel_matrix=(x, y, z), accel_offset=vec3(fit.offset))

@@ -13,7 +13,7 @@ from jointest_ros.cli.tables import columns
 from jointest_ros.core.errors import counted
 from jointest_ros.evaluation.accel_calibration import AccelFit
 from jointest_ros.evaluation.accel_plot import FittedAccel
-from jointest_ros.evaluation.metrics import rms_length
+from jointest_ros.evaluation.measures import rms_length
 
 _LARGE_RESIDUAL = 0.02  # g
 _FAR_FROM_UNITY = 0.15  # of a matrix

@@ -17,6 +17,7 @@ from jointest_ros.core.robot import STANDARD_GRAVITY
 from jointest_ros.evaluation.inspection.findings import LEVELS, LOOK, OK, WRONG, Advice, Finding
 from jointest_ros.evaluation.inspection.recording import Inspection
 from jointest_ros.evaluation.inspection.stream import Stream, lags
+from jointest_ros.evaluation.measures import rms_length
 
 _STYLES = {OK: "green", LOOK: "yellow", WRONG: "red"}
 
@@ -61,7 +62,7 @@ def sensor_table(inspection: Inspection) -> Table:
         both = report.agreement
         agree = f"{both.explained:.0%}" if both is not None and both.judged else "-"
         gravity = "-" if math.isnan(report.norm) else f"{report.norm:.4g}"
-        rate = math.degrees(float(np.sqrt(np.mean(np.sum(report.si.gyro**2, axis=1))))) if report.gyro else math.nan
+        rate = math.degrees(rms_length(report.si.gyro)) if report.gyro else math.nan
         table.add_row(report.name, gravity, *at_rest, agree, "-" if math.isnan(rate) else f"{rate:.1f}")
     table.caption = "-: it cannot be told (never still, not moved, shaken, or no such chip)"
     table.caption_justify = "left"

@@ -78,27 +78,9 @@ def _sensors(configuration: Configuration) -> Iterator[Finding]:
 
 
 def _geometry(configuration: Configuration) -> Iterator[Finding]:
-    """Places that are taken for 0 because nobody gave them, where an estimator uses them."""
+    """Lengths that nobody gave, that nobody has measured yet, or that are in another unit."""
     text = "" if configuration.path is None else read.read_file(configuration.path, "configuration") or ""
-    pcf = configuration.estimators.get("pcf")
-    users = [name for name in configuration.estimators if name.startswith("accel_")]
-    users += ["pcf (lever_arms)"] if isinstance(pcf, PcfParams) and pcf.lever_arms else []
-    document: Any = read.read_yaml(text) or {}
-    if users:
-        places = {
-            "position": [
-                name for name, values in (document.get("sensors") or {}).items() if not _has(values, "position")
-            ],
-            "origin": [
-                name
-                for name, values in (document["robot"].get("joints") or {}).items()
-                if not _has(values, "origin") and values["parent"] != configuration.robot.world
-            ],
-        }
-        for key, names in places.items():
-            if names:
-                what = f"{', '.join(names)}: no {key}: is given, which counts as 0, and {', '.join(users)} uses it"
-                yield Finding(LOOK, key, "geometry", what, "measure it, m, in the frame of the link")
+    yield from _not_given(configuration, read.read_yaml(text) or {})
     marked = [line.strip() for line in text.splitlines() if MEASURE in line.partition("#")[2]]
     curves = [line for line in marked if line.startswith("curve:")]
     if curves and any(hall.curve == ExponentialCurve() for hall in configuration.robot.hall):  # not calibrated either
@@ -108,6 +90,28 @@ def _geometry(configuration: Configuration) -> Iterator[Finding]:
     if number := len(marked) - len(curves):
         what = f"{counted(number, 'line')} marked {MEASURE}: values that nobody has measured yet"
         yield Finding(LOOK, "configuration", "geometry", what, "put yours there and remove the mark")
+
+
+def _not_given(configuration: Configuration, document: Any) -> Iterator[Finding]:
+    """Places that are taken for 0 because nobody gave them, where an estimator uses them."""
+    pcf = configuration.estimators.get("pcf")
+    users = [name for name in configuration.estimators if name.startswith("accel_")]
+    users += ["pcf (lever_arms)"] if isinstance(pcf, PcfParams) and pcf.lever_arms else []
+    if not users:
+        return
+    sensors, joints = document.get("sensors") or {}, document["robot"].get("joints") or {}
+    places = {
+        "position": [name for name, values in sensors.items() if not _has(values, "position")],
+        "origin": [
+            name
+            for name, values in joints.items()
+            if not _has(values, "origin") and values["parent"] != configuration.robot.world
+        ],
+    }
+    for key, names in places.items():
+        if names:
+            what = f"{', '.join(names)}: no {key}: is given, which counts as 0, and {', '.join(users)} uses it"
+            yield Finding(LOOK, key, "geometry", what, "measure it, m, in the frame of the link")
 
 
 def _long(configuration: Configuration) -> Iterator[Finding]:

@@ -7,14 +7,14 @@ it. The joint positions mean the same as before.
 
 from __future__ import annotations
 
-import itertools
 import math
 import xml.etree.ElementTree as xml
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from jointest_ros.config import values as read
+from jointest_ros.config.urdf_chains import merged
 from jointest_ros.config.urdf_elements import FREE, TURNING, Edge, name_of, read_joint
 from jointest_ros.core.errors import ConfigurationError
 from jointest_ros.core.frame import Quat, Vec3
@@ -23,7 +23,6 @@ from jointest_ros.core.rotation import IDENTITY, dot, multiply, rotate, unit
 
 _TWO_TURNS = 4.0 * math.pi
 _WORLD = "world"
-_PARALLEL = 0.99  # cosine: two such axes are no joint of two
 _CONTAINED = ("visual", "collision", "inertial")
 
 
@@ -89,16 +88,7 @@ def _parse(text: str, imus: Collection[str]) -> UrdfRobot:
         raise ConfigurationError("it is a xacro file; make the URDF first: xacro FILE > robot.urdf")
     links = [name_of(link, "link") for link in root.iter("link") if link in list(root)]
     edges = [read_joint(joint) for joint in root.findall("joint")]
-    for what, names in (("link", links), ("joint", [edge.name for edge in edges])):
-        if repeated := [name for name in names if names.count(name) > 1]:
-            raise ConfigurationError(f"{what} '{repeated[0]}' is given twice; names must differ")
-    for edge in edges:
-        for name in (edge.parent, edge.child):
-            if name not in links:
-                raise ConfigurationError(f"joint '{edge.name}': '{name}' is not a link")
-    for name in imus:
-        if name not in links:
-            raise ConfigurationError(f"--imu: '{name}' is not a link; known: {', '.join(links)}")
+    _check_names(links, edges, imus)
     bare = {
         name_of(link, "link")
         for link in root.findall("link")
@@ -110,6 +100,19 @@ def _parse(text: str, imus: Collection[str]) -> UrdfRobot:
     return _robot(root.get("name", "robot"), links, edges, list(sensors), bare)
 
 
+def _check_names(links: list[str], edges: list[Edge], imus: Collection[str]) -> None:
+    for what, names in (("link", links), ("joint", [edge.name for edge in edges])):
+        if repeated := [name for name in names if names.count(name) > 1]:
+            raise ConfigurationError(f"{what} '{repeated[0]}' is given twice; names must differ")
+    for edge in edges:
+        for name in (edge.parent, edge.child):
+            if name not in links:
+                raise ConfigurationError(f"joint '{edge.name}': '{name}' is not a link")
+    for name in imus:
+        if name not in links:
+            raise ConfigurationError(f"--imu: '{name}' is not a link; known: {', '.join(links)}")
+
+
 def _gazebo_imus(root: xml.Element, links: Collection[str]) -> Iterator[str]:
     """Links that bear a simulated IMU."""
     for gazebo in root.findall("gazebo"):
@@ -118,55 +121,65 @@ def _gazebo_imus(root: xml.Element, links: Collection[str]) -> Iterator[str]:
 
 
 def _robot(name: str, links: list[str], edges: list[Edge], imus: list[str], bare: Collection[str]) -> UrdfRobot:
+    if not links:
+        raise ConfigurationError("it has no links")
+    below = {edge.child for edge in edges}
+    roots = [link for link in links if link not in below]
+    places, joints, doubts = _placed(roots, edges)
+    if len(places) < len(links):
+        raise ConfigurationError("its joints form a loop")
+    warnings = [*_doubts(edges, roots), *doubts]
+    folded: dict[str, list[str]] = {}
+    for link, place in places.items():
+        if link != place.link:
+            folded.setdefault(place.link, []).append(link)
+    bearing = {places[imu].link for imu in imus}
+    joints, gone = merged(joints, bare, bearing, folded, warnings)
+    joints.sort(key=lambda joint: [edge.name for edge in edges].index(joint.coordinates[0]))
+    sensors = tuple(Sensor(imu, places[imu].link, _tidy(places[imu].at), places[imu].turn) for imu in imus)
+    kept = [link for link in dict.fromkeys(place.link for place in places.values()) if link not in gone]
+    world = _WORLD if roots[0] == _WORLD and _WORLD not in bearing else ""
+    mimics = {edge.name: edge.mimics for edge in edges if edge.mimics and edge.kind in TURNING}
+    return UrdfRobot(name, tuple(kept), tuple(joints), sensors, world, folded, mimics, warnings)
+
+
+def _placed(roots: list[str], edges: list[Edge]) -> tuple[dict[str, _Place], list[Joint], list[str]]:
+    """Where the links are, from the roots outwards, the joints that turn, and what the others were taken for."""
     children: dict[str, list[Edge]] = {}
     for edge in edges:
         children.setdefault(edge.parent, []).append(edge)
-    below = {edge.child for edge in edges}
-    roots = [link for link in links if link not in below]
-    if not roots:
-        raise ConfigurationError("its joints form a loop" if links else "it has no links")
     places: dict[str, _Place] = {}
     joints: list[Joint] = []
-    folded: dict[str, list[str]] = {}
-    warnings = list(_doubts(edges, roots))
+    doubts: list[str] = []
     waiting = [(root, _Place(root)) for root in reversed(roots)]
     while waiting:
         link, place = waiting.pop()
         if link in places:
             raise ConfigurationError(f"link '{link}' is the child of two joints")
         places[link] = place
-        if link != place.link:
-            folded.setdefault(place.link, []).append(link)
         for edge in reversed(children.get(link, [])):
-            offset = rotate(place.turn, edge.at)
-            at = (place.at[0] + offset[0], place.at[1] + offset[1], place.at[2] + offset[2])
-            turn = multiply(place.turn, edge.turn)
+            x, y, z = rotate(place.turn, edge.at)
+            at = (place.at[0] + x, place.at[1] + y, place.at[2] + z)
+            beyond = _Place(place.link, at, multiply(place.turn, edge.turn))
             if edge.kind in TURNING:
-                limits = (edge.limits,) if edge.limits is not None and edge.limits[0] < edge.limits[1] else None
-                axis = _tidy(rotate(turn, edge.axis))
-                continuous = edge.kind == "continuous"
-                joints.append(Joint(edge.name, place.link, edge.child, (axis,), limits, continuous, _tidy(at)))
-                waiting.append((edge.child, _Place(edge.child, turn=turn)))
-                continue
-            if edge.kind in FREE:
-                warnings.append(f"joint '{edge.name}' is {edge.kind}: '{edge.child}' begins a tree of its own")
-                waiting.append((edge.child, _Place(edge.child)))
-                continue
-            if edge.kind != "fixed":
-                warnings.append(
+                joints.append(_joint(edge, beyond))
+                beyond = _Place(edge.child, turn=beyond.turn)
+            elif edge.kind in FREE:
+                doubts.append(f"joint '{edge.name}' is {edge.kind}: '{edge.child}' begins a tree of its own")
+                beyond = _Place(edge.child)
+            elif edge.kind != "fixed":
+                doubts.append(
                     f"joint '{edge.name}' is {edge.kind}: taken as fixed, since it does not turn what it moves"
                 )
-            waiting.append((edge.child, _Place(place.link, at, turn)))
-    if len(places) < len(links):
-        raise ConfigurationError("its joints form a loop")
-    bearing = {places[imu].link for imu in imus}
-    joints, merged = _merged(joints, bare, bearing, folded, warnings)
-    joints.sort(key=lambda joint: [edge.name for edge in edges].index(joint.coordinates[0]))
-    sensors = tuple(Sensor(imu, places[imu].link, _tidy(places[imu].at), places[imu].turn) for imu in imus)
-    kept = [link for link in dict.fromkeys(place.link for place in places.values()) if link not in merged]
-    world = _WORLD if roots[0] == _WORLD and _WORLD not in bearing else ""
-    mimics = {edge.name: edge.mimics for edge in edges if edge.mimics and edge.kind in TURNING}
-    return UrdfRobot(name, tuple(kept), tuple(joints), sensors, world, folded, mimics, warnings)
+            waiting.append((edge.child, beyond))
+    return places, joints, doubts
+
+
+def _joint(edge: Edge, place: _Place) -> Joint:
+    """A revolute at its place on the parent's link."""
+    limits = (edge.limits,) if edge.limits is not None and edge.limits[0] < edge.limits[1] else None
+    axis = _tidy(rotate(place.turn, edge.axis))
+    return Joint(edge.name, place.link, edge.child, (axis,), limits, edge.kind == "continuous", _tidy(place.at))
 
 
 def _doubts(edges: list[Edge], roots: list[str]) -> Iterator[str]:
@@ -186,62 +199,6 @@ def _doubts(edges: list[Edge], roots: list[str]) -> Iterator[str]:
             yield f"joint '{edge.name}': limits {low:g} to {high:g} rad are in the wrong order; left out"
         elif max(-low, high) > _TWO_TURNS:
             yield f"joint '{edge.name}': limits {low:g} to {high:g} rad are more than two turns; are they in deg?"
-
-
-def _merged(
-    joints: list[Joint],
-    bare: Collection[str],
-    bearing: Collection[str],
-    folded: dict[str, list[str]],
-    notes: list[str],
-) -> tuple[list[Joint], set[str]]:
-    """Successions of revolutes through links that are nothing but frames become joints of two and three axes.
-
-    The joint positions keep their names. What is not plain by these is noted.
-    """
-    gone: set[str] = set()
-    result: list[Joint] = []
-    for joint in joints:
-        if joint.parent in gone:
-            continue
-        chain = [joint]
-        while len(chain) < 3:
-            link = chain[-1].child
-            after = [other for other in joints if other.parent == link]
-            frame = link in bare and link not in bearing and link not in folded
-            if len(after) != 1 or not frame or any(after[0].origin) or after[0].continuous != joint.continuous:
-                break
-            if abs(dot(chain[-1].axes[0], after[0].axes[0])) > _PARALLEL:
-                break
-            chain.append(after[0])
-        if len(chain) == 1:
-            result.append(joint)
-            continue
-        names, frames = tuple(one.name for one in chain), [one.child for one in chain[:-1]]
-        axes = tuple(one.axes[0] for one in chain)
-        name = _common(names, [one.name for one in joints if one not in chain])
-        whole = Joint(name, joint.parent, chain[-1].child, axes, _limits(chain), joint.continuous, joint.origin)
-        if whole.coordinates != names:
-            whole = replace(whole, names=names)
-            notes.append(
-                f"{', '.join(names)}: one joint '{name}' of {len(axes)} axes, since nothing but a frame without an IMU "
-                f"is between them ({', '.join(frames)})"
-            )
-        result.append(whole)
-        gone |= set(frames)
-    return result, gone
-
-
-def _common(names: tuple[str, ...], taken: Collection[str]) -> str:
-    """The words that all names begin with: hip for hip_flexion, hip_abduction."""
-    together = zip(*(name.split("_") for name in names), strict=False)
-    common = "_".join(words[0] for words in itertools.takewhile(lambda words: len(set(words)) == 1, together))
-    return common if common and common not in taken else "_".join(names)
-
-
-def _limits(chain: list[Joint]) -> tuple[tuple[float, float], ...] | None:
-    pairs = [one.limits[0] for one in chain if one.limits is not None]
-    return tuple(pairs) if len(pairs) == len(chain) else None
 
 
 def _tidy(vector: Vec3) -> Vec3:

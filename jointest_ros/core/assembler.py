@@ -22,24 +22,21 @@ from __future__ import annotations
 
 import math
 from bisect import insort
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from jointest_ros.core.assembler_inputs import NEVER, QUICK, HallQueue, Mixture, Source
+from jointest_ros.core.channel import Channel, calibrated
 from jointest_ros.core.frame import Frame, Vec3
-from jointest_ros.core.input_quality import InputQuality, gyro_saturation_limit, saturation_limit
-from jointest_ros.core.robot import UNCALIBRATED_SCALE, Sensor
+from jointest_ros.core.input_quality import InputQuality
+from jointest_ros.core.pace import Pace
+from jointest_ros.core.robot import Sensor
 from jointest_ros.core.timing import Timing
 
-IMPLAUSIBLE_GYRO = 1e3  # rad/s, ten times the fastest MEMS gyro range
-IMPLAUSIBLE_ACCEL = 1e5  # m/s^2, fifty times the widest MEMS shock accelerometer range
 IMPLAUSIBLE_MAG = 1.0  # tesla
-_MIN_WAIT = 20_000_000  # ns
-_FIRST_TOLERANCE = 400_000  # ns, while the period is unknown: less than half a period at 1 kHz
 _FIRST_HALL_TOLERANCE = 50_000_000  # ns, of arrival: a node that starts is slow at first
 _STARTED = 20  # frames
 _NOTHING: Vec3 = (0.0, 0.0, 0.0)
-_GONE = 10  # periods after which a silent sensor says nothing about the period of the stream
 
 
 @dataclass(slots=True)
@@ -57,25 +54,6 @@ class _Pending:
 _Sample = tuple[str, int, Vec3, Vec3, int]  # sensor, stamp, gyro, accel, arrival
 
 
-def calibrated(reading: Vec3, row_x: Vec3, row_y: Vec3, row_z: Vec3, offset: Vec3) -> Vec3:
-    """Acceleration of an accelerometer's reading, m/s^2: matrix (by rows) times reading, plus offset."""
-    x, y, z = reading
-    return (
-        row_x[0] * x + row_x[1] * y + row_x[2] * z + offset[0],
-        row_y[0] * x + row_y[1] * y + row_y[2] * z + offset[1],
-        row_z[0] * x + row_z[1] * y + row_z[2] * z + offset[2],
-    )
-
-
-def _unsound(gyro: tuple[float, ...], accel: tuple[float, ...]) -> str:
-    """Why a sample with these fields in use is refused; "" where it is not."""
-    if not all(map(math.isfinite, gyro + accel)):
-        return "not finite"
-    if sum(map(abs, gyro)) < IMPLAUSIBLE_GYRO and sum(map(abs, accel)) < IMPLAUSIBLE_ACCEL:
-        return ""
-    return "implausible"
-
-
 class FrameAssembler:
     """Assembles frames for `sensors`; every `add_*` returns the frames that became ready, in order of their stamps.
 
@@ -89,6 +67,8 @@ class FrameAssembler:
         frames, partial: how many were emitted, and how many of them with a sensor missing.
         gaps, resets: how many were confirmed.
         quality: what it finds wrong with sensors in sound samples.
+        channels: sensor -> how it is taken; `pace`: of the stream; `hall`: messages that wait; `arrival`: newest one of
+            anything, ns. For `frame_block`.
     """
 
     def __init__(self, sensors: Iterable[Sensor], timing: Timing | None = None, hall_width: int = 0) -> None:
@@ -96,33 +76,24 @@ class FrameAssembler:
         sensors = tuple(sensors)
         self.sources = {s.name: Source() for s in sensors if s.gyro or s.accel}
         self.mag_sources = {s.name: Source() for s in sensors if s.mag}
-        self._hall = HallQueue(hall_width, self.timing.hall_per_frame)
-        self.hall_source = self._hall.source
+        self.hall = HallQueue(hall_width, self.timing.hall_per_frame)
+        self.hall_source = self.hall.source
         self.frames = 0
         self.partial = 0
         self.resets = 0
         self.gaps = 0
         self.quality = InputQuality(sensors)
-        self._in_use = {s.name: (s.gyro, s.accel, round(s.delay * 1e9)) for s in sensors}
-        # the sum of all axes is checked against it: a smaller one needs no closer look
-        self._conspicuous = {s.name: min(IMPLAUSIBLE_ACCEL, saturation_limit(s)) for s in sensors}
-        self._conspicuous_gyro = {s.name: min(IMPLAUSIBLE_GYRO, gyro_saturation_limit(s)) for s in sensors}
-        self._accel_calibrations = {s.name: (*s.accel_matrix, s.accel_offset) for s in sensors if s.accel_calibrated}
-        self._gyro_scales = {s.name: s.gyro_scale for s in sensors if s.gyro_scale != UNCALIBRATED_SCALE}
+        self.channels = {s.name: Channel.of(s) for s in sensors}
+        self.pace = Pace(self.timing)
         self._expected = frozenset(self.sources)
-        self._max_gap = round(self.timing.max_gap * 1e9)
-        self._reset_jump = round(self.timing.reset_jump * 1e9)
         self._pending: list[_Pending] = []
         self._suspects: list[_Sample] = []
         self._mag: dict[str, tuple[int, Vec3]] = {}
         self._first = NEVER  # stamp with which the stream began, or began again
-        self._newest = NEVER  # newest accepted stamp of any sensor
         self._emitted = NEVER  # stamp of the last frame
-        self._arrival = NEVER  # newest arrival of anything
+        self.arrival = NEVER
         self._reset_next = False
         self._mixed: set[str] = set()  # sensors to which somebody else sends as well
-        self._period = 0  # ns; 0: not known yet
-        self._set_tolerances()
 
     # ---------------------------------------------------------------- inputs
 
@@ -130,22 +101,23 @@ class FrameAssembler:
         """One inertial sample: stamp ns, rad/s, m/s^2. `arrival` ns matters for Hall pairing only."""
         source = self.sources[sensor]
         source.received += 1
-        uses_gyro, uses_accel, delay = self._in_use[sensor]
-        stamp -= delay
+        channel = self.channels[sensor]
+        stamp -= channel.delay
         # The comparison is false for NaN and infinity too.
-        if (uses_gyro and not abs(gyro[0]) + abs(gyro[1]) + abs(gyro[2]) < self._conspicuous_gyro[sensor]) or (
-            uses_accel and not abs(accel[0]) + abs(accel[1]) + abs(accel[2]) < self._conspicuous[sensor]
+        if (channel.gyro and not abs(gyro[0]) + abs(gyro[1]) + abs(gyro[2]) < channel.gyro_limit) or (
+            channel.accel and not abs(accel[0]) + abs(accel[1]) + abs(accel[2]) < channel.accel_limit
         ):
-            cause = _unsound(gyro if uses_gyro else (), accel if uses_accel else ())
+            cause = channel.unsound(gyro, accel)
             if cause:
                 source.refused[cause] += 1
                 return []
             self.quality.note(sensor, gyro, accel)
-        if arrival != self._arrival:
+        if arrival != self.arrival:
             self._note_arrival(arrival)
-        if self._newest == NEVER:
+        pace = self.pace
+        if pace.newest == NEVER:
             self._first = stamp
-        elif not -self._reset_jump <= stamp - self._newest <= self._farthest:
+        elif not -pace.reset_jump <= stamp - pace.newest <= pace.farthest:
             return self._suspect((sensor, stamp, gyro, accel, arrival))
         if stamp <= source.last:
             source.refused["repeated stamp" if stamp == source.last else "older stamp"] += 1
@@ -160,7 +132,7 @@ class FrameAssembler:
         source.received += 1
         if not abs(mag[0]) + abs(mag[1]) + abs(mag[2]) < IMPLAUSIBLE_MAG:
             source.refused["implausible" if all(map(math.isfinite, mag)) else "not finite"] += 1
-        elif -self._reset_jump <= stamp - source.last <= 0:
+        elif -self.pace.reset_jump <= stamp - source.last <= 0:
             source.refused["repeated stamp" if stamp == source.last else "older stamp"] += 1
         else:
             if sensor in self._mag:
@@ -172,27 +144,53 @@ class FrameAssembler:
         """One Hall message, V, NaN where there is no sensor; `arrival` (bags: record time), ns, is its only time."""
         self._note_arrival(arrival)
         if self._mixed:
-            self._hall.refuse("two publishers")
+            self.hall.refuse("two publishers")
             return []
-        oldest = arrival - self._hall_tolerance - self._max_gap
-        return self._ready() if self._hall.add(voltages, arrival, oldest) else []
+        oldest = arrival - self._hall_tolerance - self.pace.max_gap
+        return self._ready() if self.hall.add(voltages, arrival, oldest) else []
 
     def flush(self) -> list[Frame]:
         """The end of the stream: emits what waits, refuses what was never confirmed or paired."""
         self._refuse_suspects()
         frames = self._emit_all()
-        self._hall.drop_before(None)
+        self.hall.drop_before(None)
         for sensor in self._mag:
             self.mag_sources[sensor].refused["unpaired"] += 1
         self._mag.clear()
         return frames
 
+    # ---------------------------------------------------------------- blocks
+
+    @property
+    def is_between_frames(self) -> bool:
+        """Everything was emitted, nothing is doubtful, the period of all sensors is known: a block may begin."""
+        return (
+            self.frames >= _STARTED
+            and not self._pending
+            and not self._suspects
+            and not self._mag
+            and not self.hall.waits
+            and not self._reset_next
+            and not self._mixed
+            and all(source.period and source.mixture is None for source in self.sources.values())
+        )
+
+    def carry_on(self, pace: Pace, sources: Mapping[str, Source], frames: int, emitted: int, arrival: int) -> None:
+        """After whole frames that were assembled elsewhere: so many, the last one with the stamp `emitted`."""
+        self.pace = pace
+        for sensor, source in sources.items():
+            self.sources[sensor].become(source)
+        self.frames += frames
+        self._emitted, self.arrival = emitted, arrival
+
+    # ---------------------------------------------------------------- arrivals
+
     def _note_arrival(self, arrival: int) -> None:
-        if arrival > self._arrival:
-            self._arrival = arrival
-        elif arrival < self._arrival - self._reset_jump:  # the clock of the host was set back
-            self._arrival = arrival
-            self._hall.drop_before(None)
+        if arrival > self.arrival:
+            self.arrival = arrival
+        elif arrival < self.arrival - self.pace.reset_jump:  # the clock of the host was set back
+            self.arrival = arrival
+            self.hall.drop_before(None)
             for pending in self._pending:
                 pending.arrival = arrival
 
@@ -205,7 +203,7 @@ class FrameAssembler:
             if last[0] == sensor and last[1] == stamp:
                 self.sources[sensor].refused["repeated stamp"] += 1
                 return []
-            if abs(stamp - last[1]) > self._reset_jump or (last[0] == sensor and stamp < last[1]):
+            if abs(stamp - last[1]) > self.pace.reset_jump or (last[0] == sensor and stamp < last[1]):
                 self._refuse_suspects()
         self._suspects.append(sample)
         if len(self._suspects) < 2:
@@ -213,14 +211,14 @@ class FrameAssembler:
         confirmed = sorted(self._suspects, key=lambda s: s[1])
         self._suspects = []
         frames: list[Frame] = []
-        if 0 < confirmed[0][1] - self._newest <= self._reset_jump:
+        if 0 < confirmed[0][1] - self.pace.newest <= self.pace.reset_jump:
             self.gaps += 1
         else:
             frames = self._emit_all()
             for source in (*self.sources.values(), *self.mag_sources.values()):
                 source.last, source.mixture = NEVER, None
             self._mixed.clear()
-            self._newest = self._emitted = NEVER
+            self.pace.newest = self._emitted = NEVER
             self._first = confirmed[0][1]
             self._reset_next = True
             self.resets += 1
@@ -238,19 +236,19 @@ class FrameAssembler:
     def _place(self, sensor: str, stamp: int, gyro: Vec3, accel: Vec3, arrival: int) -> bool:
         """Put a sample into the frame that it belongs to; False where this can make no frame ready."""
         source = self.sources[sensor]
-        uses_gyro, uses_accel, _ = self._in_use[sensor]
+        channel, pace = self.channels[sensor], self.pace
         if source.mixture is not None or stamp - source.last < QUICK * source.period:
             self._note_mixture(sensor, stamp, gyro, accel)
         if sensor in self._mixed:
             source.last = stamp
-            self._newest = max(self._newest, stamp)
+            pace.newest = max(pace.newest, stamp)
             source.refused["two publishers"] += 1
             return True
         if source.accept(stamp):
-            self._set_tolerances()
-        if stamp > self._newest:
-            self._newest = stamp
-        if uses_gyro and source.repeats(stamp, gyro, accel if uses_accel else None):
+            pace.follow(self.sources.values())
+        if stamp > pace.newest:
+            pace.newest = stamp
+        if channel.gyro and source.repeats(stamp, gyro, accel if channel.accel else None):
             source.refused["frozen"] += 1
             return True
         if stamp <= self._emitted:
@@ -259,7 +257,7 @@ class FrameAssembler:
         source.used += 1
         for pending in self._pending:
             frame = pending.frame
-            if sensor in pending.missing and abs(stamp - frame.stamp) <= self._tolerance:
+            if sensor in pending.missing and abs(stamp - frame.stamp) <= pace.tolerance:
                 if stamp < frame.stamp:
                     frame.stamp = stamp
                 joined = True
@@ -267,13 +265,13 @@ class FrameAssembler:
         else:
             joined = False
             frame = Frame(stamp)
-            pending = _Pending(frame, arrival, set(self._expected), self._hall.added)
+            pending = _Pending(frame, arrival, set(self._expected), self.hall.added)
             insort(self._pending, pending)
-        if uses_gyro:
-            scale = self._gyro_scales.get(sensor)
+        if channel.gyro:
+            scale = channel.gyro_scale
             frame.gyro[sensor] = gyro if scale is None else (scale[0] * gyro[0], scale[1] * gyro[1], scale[2] * gyro[2])
-        if uses_accel:
-            calibration = self._accel_calibrations.get(sensor)
+        if channel.accel:
+            calibration = channel.accel_calibration
             frame.accel[sensor] = accel if calibration is None else calibrated(accel, *calibration)
         pending.missing.remove(sensor)
         # The oldest frame may still wait for the same sensor as before.
@@ -281,9 +279,9 @@ class FrameAssembler:
 
     def _note_mixture(self, sensor: str, stamp: int, gyro: Vec3, accel: Vec3) -> None:
         source = self.sources[sensor]
-        uses_gyro, uses_accel, _ = self._in_use[sensor]
+        channel = self.channels[sensor]
         mixture = source.mixture = source.mixture or Mixture(source.period)
-        mixture.add(stamp, gyro if uses_gyro else _NOTHING, accel if uses_accel else _NOTHING)
+        mixture.add(stamp, gyro if channel.gyro else _NOTHING, accel if channel.accel else _NOTHING)
         if mixture.over:
             source.mixture = None
             self._mixed.discard(sensor)
@@ -291,7 +289,7 @@ class FrameAssembler:
             self._mixed.add(sensor)
             source.period = mixture.period
             source.intervals.clear()
-            self._set_tolerances()
+            self.pace.follow(self.sources.values())
 
     def _ready(self) -> list[Frame]:
         frames: list[Frame] = []
@@ -308,39 +306,39 @@ class FrameAssembler:
 
     def _may_come(self, pending: _Pending) -> bool:
         stamp = pending.frame.stamp
-        if self._newest - stamp > self._wait:
+        if self.pace.newest - stamp > self.pace.wait:
             return False
         for sensor in pending.missing:
             source = self.sources[sensor]
             last = source.last if source.last != NEVER else min(self._first, stamp)
             if last > stamp:
                 continue  # it delivered a newer sample: this one is lost
-            period = source.period or self._period
-            if stamp - last > self._wait + 2 * period:
+            period = source.period or self.pace.period
+            if stamp - last > self.pace.wait + 2 * period:
                 continue  # silent: not waited for until it returns
-            if period > 1.5 * self._period and stamp - last < 0.75 * period:
+            if period > 1.5 * self.pace.period and stamp - last < 0.75 * period:
                 continue  # slower than the stream, and not due yet
             pending.awaited = sensor
             return True
         return False
 
     def _take_hall(self, index: int) -> tuple[float, ...] | None:
-        if not self._hall.waits:
+        if not self.hall.waits:
             return None
         pending = self._pending[index]
         before_next = min([later.hall_added for later in self._pending[index + 1 :]], default=None)
-        return self._hall.take(pending.arrival, self._hall_tolerance, pending.hall_added, before_next)
+        return self.hall.take(pending.arrival, self._hall_tolerance, pending.hall_added, before_next)
 
     @property
     def _hall_tolerance(self) -> int:
-        return self._tolerance if self.frames >= _STARTED else _FIRST_HALL_TOLERANCE
+        return self.pace.tolerance if self.frames >= _STARTED else _FIRST_HALL_TOLERANCE
 
     def _hall_may_come(self, pending: _Pending) -> bool:
-        if not self._hall.awaited or self._newest - pending.frame.stamp > self._wait:
+        if not self.hall.awaited or self.pace.newest - pending.frame.stamp > self.pace.wait:
             return False
-        if self._hall.follows:
+        if self.hall.follows:
             return len(self._pending) == 1
-        return self._arrival <= pending.arrival + self._hall_tolerance
+        return self.arrival <= pending.arrival + self._hall_tolerance
 
     def _emit_all(self) -> list[Frame]:
         frames = [self._emit(pending, self._take_hall(k)) for k, pending in enumerate(self._pending)]
@@ -352,7 +350,7 @@ class FrameAssembler:
         frame.hall = hall
         if self._mag:
             self._add_mag(frame)
-        frame.period = self._period * 1e-9 if self._period else math.nan
+        frame.period = self.pace.period * 1e-9 if self.pace.period else math.nan
         frame.reset, self._reset_next = self._reset_next, False
         self.frames += 1
         self.partial += bool(pending.missing)
@@ -363,19 +361,9 @@ class FrameAssembler:
     def _add_mag(self, frame: Frame) -> None:
         for sensor, (stamp, mag) in self._mag.items():
             source = self.mag_sources[sensor]
-            if abs(frame.stamp - stamp) <= self._max_gap:
+            if abs(frame.stamp - stamp) <= self.pace.max_gap:
                 frame.mag[sensor] = mag
                 source.used += 1
             else:
                 source.refused["unpaired"] += 1
         self._mag.clear()
-
-    def _set_tolerances(self) -> None:
-        """The period of the stream is that of its fastest sensor; tolerances follow it."""
-        present = [s.period for s in self.sources.values() if s.period and self._newest - s.last <= _GONE * s.period]
-        if present:
-            self._period = min(present)
-        given, half = round(self.timing.sync_tolerance * 1e9), self._period // 2 or _FIRST_TOLERANCE
-        self._tolerance = min(given, half) if given else half
-        self._wait = round(self.timing.max_wait * 1e9) or max(3 * self._period, _MIN_WAIT)
-        self._farthest = max(self._max_gap, 3 * self._period)

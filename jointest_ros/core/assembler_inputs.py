@@ -11,13 +11,13 @@ from statistics import median
 from jointest_ros.core.frame import Vec3
 
 NEVER = -(1 << 62)  # ns, before every stamp
-_INTERVALS = 31  # intervals behind one estimate of the period
+INTERVALS = 31  # intervals behind one estimate of the period
 _FIRST_INTERVALS = 5
 _REGULAR = 20  # frames in a row
-_FROZEN_AFTER = 100_000_000  # ns; drivers that send faster than their sensor measures repeat a reading for less
+FROZEN_AFTER = 100_000_000  # ns; drivers that send faster than their sensor measures repeat a reading for less
 _FROZEN_FEWEST = 5  # samples
-_FROZEN_TURNS = 0.2  # rad/s: a link at rest may repeat its reading for hours
-_IMPLAUSIBLE_VOLTAGE = 1e3  # V
+FROZEN_TURNS = 0.2  # rad/s: a link at rest may repeat its reading for hours
+IMPLAUSIBLE_VOLTAGE = 1e3  # V
 QUICK = 0.6  # of a period: of two streams of one rate, in whatever phase, some samples follow so soon
 _MIXED_WINDOW = 10  # samples
 _MIXED_SPAN = 0.75  # of the time that so many samples of one stream take; two streams take half
@@ -99,9 +99,14 @@ class Source:
         self.held += 1
         return (
             self.held >= _FROZEN_FEWEST
-            and stamp - self.held_from >= _FROZEN_AFTER
-            and max(map(abs, gyro)) > _FROZEN_TURNS
+            and stamp - self.held_from >= FROZEN_AFTER
+            and max(map(abs, gyro)) > FROZEN_TURNS
         )
+
+    def become(self, other: Source) -> None:
+        """Take over all that the other one has."""
+        for name in self.__slots__:
+            setattr(self, name, getattr(other, name))
 
     def accept(self, stamp: int) -> bool:
         """Note a newer stamp. True when the period was found anew."""
@@ -109,7 +114,7 @@ class Source:
         if self.last != NEVER:
             intervals.append(stamp - self.last)
         self.last = stamp
-        if len(intervals) < (_INTERVALS if self.period else _FIRST_INTERVALS):
+        if len(intervals) < (INTERVALS if self.period else _FIRST_INTERVALS):
             return False
         # Lost samples make intervals of two periods and more: the median of those that are near the shorter ones.
         shorter = sorted(intervals)[len(intervals) // 4]
@@ -143,13 +148,20 @@ class HallQueue:
         if len(voltages) != self.width:
             source.refused["wrong length"] += 1
             return False
-        if [v for v in voltages if abs(v) > _IMPLAUSIBLE_VOLTAGE]:
+        if [v for v in voltages if abs(v) > IMPLAUSIBLE_VOLTAGE]:
             source.refused["not finite" if any(map(math.isinf, voltages)) else "implausible"] += 1
             return False
         self.drop_before(oldest if self.per_frame else None)
         self._waiting.append((arrival, voltages))
         self.added += 1
         return True
+
+    def pass_by(self, count: int, follow: int) -> None:
+        """After so many messages, one a frame, that did not wait here; of the last ones `follow` followed in a row."""
+        self._after = follow if follow < count else self._after + count
+        self.added += count
+        self.source.received += count
+        self.source.used += count
 
     def refuse(self, cause: str) -> None:
         """A message that is not looked at."""

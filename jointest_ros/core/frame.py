@@ -18,6 +18,12 @@ Quat = tuple[float, float, float, float]  # x, y, z, w
 FloatArray = NDArray[np.float64]
 
 
+def vec3(row: FloatArray) -> Vec3:
+    """A vector (3,) as a tuple."""
+    x, y, z = row.tolist()
+    return x, y, z
+
+
 class Status(IntFlag):
     """What a user must know about one joint of one `Estimate`. Zero: all is well."""
 

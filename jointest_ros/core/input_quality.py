@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jointest_ros.core.errors import counted
-from jointest_ros.core.frame import Frame, Vec3
+from jointest_ros.core.frame import Frame, Recording, Vec3, vec3
 from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
 
 SATURATED = 0.99  # share of the full scale; with noise and rounding, a clipped axis does not read exactly that
@@ -178,6 +178,15 @@ class InputQuality:
         if frame.stamp - self._frames[0].stamp >= _WINDOW:
             self._judge_rest()
             self._frames.clear()
+
+    def add_recording(self, recording: Recording) -> None:
+        """`add` for all frames of a recording, with nothing missing and no reset."""
+        while (row := int(np.searchsorted(recording.stamps, self._next))) < len(recording):
+            gyro, accel = (
+                {sensor: vec3(table[row]) for sensor, table in tables.items()}
+                for tables in (recording.gyro, recording.accel)
+            )
+            self.add(Frame(int(recording.stamps[row]), gyro, accel))
 
     @property
     def frozen(self) -> Collection[str]:

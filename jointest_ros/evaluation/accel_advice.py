@@ -18,6 +18,7 @@ from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import Sensor
 from jointest_ros.evaluation.accel_bound import INITIAL_VARIANCE, array_information, bound, rms_deg
 from jointest_ros.evaluation.accel_motion import Course
+from jointest_ros.evaluation.measures import rms
 
 SETTLED_S = 1.0  # before which nothing counts
 DRAWS = 50  # of the noise, for the angle of single samples
@@ -156,7 +157,7 @@ def _one_sample_deg(places: Places, covariance: FloatArray, motion: Course) -> f
         vectors.append(motion.joint_acceleration + noise)  # in the same axes: the angle between them is the error
     a, b = vectors
     error = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1))
-    return math.degrees(math.sqrt(np.mean(error**2)))
+    return math.degrees(rms(error))
 
 
 def angle_bounds(placements: Sequence[Places], covariance: FloatArray, motion: Course) -> FloatArray:

@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from jointest_ros.core.errors import CalibrationError, counted
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
-from jointest_ros.evaluation.metrics import rms_length
+from jointest_ros.evaluation.measures import rms_length
 
 LEAST_EXTENT = 0.1  # singular value over sqrt(N): 0.58 for the six axes; below it, errors of a pose grow tenfold
 LEAST_EXTENT_NORM = 0.05  # the same of |S v + o|, whose columns are products of directions

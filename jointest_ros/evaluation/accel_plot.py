@@ -12,7 +12,7 @@ import numpy as np
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.accel_calibration import AccelFit
-from jointest_ros.evaluation.metrics import rms_length
+from jointest_ros.evaluation.measures import rms_length
 from jointest_ros.evaluation.picture import Draw, save_pairs
 
 _HEIGHT = 5.0  # inches, of one sensor

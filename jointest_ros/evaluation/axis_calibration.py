@@ -13,13 +13,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation import hinge_equations as equations
 from jointest_ros.evaluation.axis_fit import Axis, AxisFit, spread
 from jointest_ros.evaluation.axis_problem import Problem, Solution
 from jointest_ros.evaluation.axis_uncertainty import covariance, followed
-from jointest_ros.evaluation.hinge_equations import Hinge, Scatter, frame_of, hinge_data
+from jointest_ros.evaluation.hinge_equations import Hinge, Scatter, enough_data, frame_of
 from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.joint_pairs import Pair
 
@@ -46,14 +45,7 @@ def fit_axes(means: WindowMeans, pair: Pair, kept: frozenset[str] = frozenset())
     Raises:
         CalibrationError: the sensors gave too little together. Whether the motion was enough, the `AxisFit` tells.
     """
-    data = hinge_data(means, pair.parent.name, pair.child.name)
-    if len(data) < _FEWEST:
-        lasted, needed = len(data) * means.length, _FEWEST * means.length
-        raise CalibrationError(
-            f"'{pair.parent.name}' and '{pair.child.name}' gave readings together for {lasted:.1f} s; "
-            f"at least {needed:.0f} s are needed"
-        )
-    problem = Problem(data, means, pair, kept)
+    problem = Problem(enough_data(means, pair, _FEWEST), means, pair, kept)
     solution = _start(problem)
     for _ in range(_ROUNDS):
         solution, before = problem.solve(solution.frames, solution.parameters, problem.scatter(solution)), solution

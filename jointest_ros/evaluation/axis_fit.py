@@ -9,6 +9,7 @@ import numpy as np
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.joint_pairs import Pair
+from jointest_ros.evaluation.measures import angle_between
 
 UNDETERMINED = math.radians(3.0)  # standard deviation of an axis from which it counts as unknown
 
@@ -41,8 +42,7 @@ class Axis:
     @property
     def change(self) -> float:
         """Angle between configured and identified axis, rad."""
-        sine = float(np.linalg.norm(np.cross(self.axis, self.configured)))
-        return math.atan2(sine, float(self.axis @ self.configured))
+        return angle_between(self.axis, self.configured)
 
     @property
     def determined(self) -> bool:

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointest_ros.core.errors import CalibrationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import Sensor
 from jointest_ros.evaluation.gyro_problem import PRIOR, GyroProblem
-from jointest_ros.evaluation.hinge_equations import hinge_data
+from jointest_ros.evaluation.hinge_equations import enough_data
 from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.joint_pairs import Pair
 
@@ -85,14 +84,7 @@ def hinge_information(means: WindowMeans, pair: Pair) -> HingeInformation:
     Raises:
         CalibrationError: the sensors gave too little together.
     """
-    data = hinge_data(means, pair.parent.name, pair.child.name).part(_MOST)
-    if len(data) < _FEWEST:
-        lasted, needed = len(data) * means.length, _FEWEST * means.length
-        raise CalibrationError(
-            f"'{pair.parent.name}' and '{pair.child.name}' gave readings together for {lasted:.1f} s; "
-            f"at least {needed:.0f} s are needed"
-        )
-    problem = GyroProblem(data, pair, means.length)
+    problem = GyroProblem(enough_data(means, pair, _FEWEST).part(_MOST), pair, means.length)
     parameters = problem.solve()
     matrix, vector = problem.information(parameters)
     return HingeInformation(pair, matrix, vector, *problem.motion(parameters), problem.scatter)

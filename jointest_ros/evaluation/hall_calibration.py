@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 from jointest_ros.core.errors import CalibrationError, ConfigurationError
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_sensor import Curve, ExponentialCurve, HallSensor, SplineCurve
-from jointest_ros.evaluation.metrics import rms
+from jointest_ros.evaluation.measures import rms
 
 CURVES = ("exponential", "spline")
 _FEWEST = 20  # readings for a fit

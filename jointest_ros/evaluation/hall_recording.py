@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.hall_sensor import HallSensor, SplineCurve
 from jointest_ros.evaluation.hall_calibration import HallFit
-from jointest_ros.evaluation.metrics import rms
+from jointest_ros.evaluation.measures import rms
 
 _LONGEST_HOLE = 0.1  # s, between samples of the reference that are interpolated over
 _STEP = 0.05  # s

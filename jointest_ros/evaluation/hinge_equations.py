@@ -24,9 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from jointest_ros.core.frame import FloatArray
+from jointest_ros.core.errors import CalibrationError
+from jointest_ros.core.frame import FloatArray, vec3
 from jointest_ros.core.rotation import perpendicular
 from jointest_ros.evaluation.inertial_windows import WindowMeans
+from jointest_ros.evaluation.joint_pairs import Pair
 
 TILT_1, TILT_2 = slice(0, 2), slice(2, 4)  # rad, of the axis about u and v of its start
 BIAS_1, BIAS_2 = slice(4, 7), slice(7, 10)  # rad/s
@@ -137,6 +139,18 @@ def hinge_data(means: WindowMeans, parent: str, child: str) -> HingeData:
     )
 
 
+def enough_data(means: WindowMeans, pair: Pair, fewest: int) -> HingeData:
+    """`hinge_data` of a pair. Raises CalibrationError where these are fewer windows."""
+    one, two = (sensor.name for sensor in pair.sensors)
+    data = hinge_data(means, one, two)
+    if len(data) < fewest:
+        raise CalibrationError(
+            f"'{one}' and '{two}' gave readings together for {len(data) * means.length:.1f} s; "
+            f"at least {fewest * means.length:.0f} s are needed"
+        )
+    return data
+
+
 def _integral(rate: FloatArray, length: float, begin: NDArray[np.intp], stretch: NDArray[np.intp]) -> FloatArray:
     """(n, 3) rad, to the middle of each window, from the middle of the first one of its stretch."""
     middle = (np.cumsum(rate, axis=0) - 0.5 * rate) * length
@@ -168,8 +182,7 @@ def _cross(vectors: FloatArray) -> FloatArray:
 
 def frame_of(axis: FloatArray) -> FloatArray:
     """(3, 3) rows u, v, axis."""
-    x, y, z = axis.tolist()
-    return np.array([*perpendicular((x, y, z)), (x, y, z)])
+    return np.array([*perpendicular(vec3(axis)), axis])
 
 
 def tilted(frame: FloatArray, tilt: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from jointest_ros.core.frame import FloatArray, Series, Status
 from jointest_ros.core.torso import TorsoChain, torsos_of
+from jointest_ros.evaluation.measures import rms
 from jointest_ros.evaluation.truth import Truth, match
 
 UNUSABLE = int(Status.STARTING | Status.STALE)  # such a position is not published, and not judged
@@ -41,16 +42,6 @@ class MatchedError:
     def figures(self) -> dict[str, float | int | None]:
         """As in the JSON."""
         return summarize(self.degrees, self.expected)
-
-
-def rms(values: FloatArray) -> float:
-    """Root mean square of all values, in their unit."""
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def rms_length(vectors: FloatArray) -> float:
-    """Root mean square length of vectors (N, 3), in their unit."""
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
 def summarize(error_deg: FloatArray, expected: int) -> dict[str, float | int | None]:

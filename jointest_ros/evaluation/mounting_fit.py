@@ -20,6 +20,7 @@ from jointest_ros.core.pcf.two_axes import TwoAxes
 from jointest_ros.core.robot import Sensor
 from jointest_ros.core.rotation import IDENTITY, rotate
 from jointest_ros.evaluation.joint_pairs import Pair
+from jointest_ros.evaluation.measures import angle_between
 
 _LEAST_STD = math.radians(0.01)  # of an axis: none is known better for this purpose
 _UNSEEN = 1e-8  # weight of the mounting as it was, beside the axes
@@ -46,7 +47,7 @@ def aligned(mounting: Quat, axes: Sequence[SeenAxis]) -> tuple[Quat, list[float]
     seen = sum(w * np.outer(axis.in_link, axis.in_sensor) for w, axis in zip(weights, axes, strict=True))
     left, _, right = np.linalg.svd(seen / max(weights) + _UNSEEN * Rotation.from_quat(mounting).as_matrix())
     matrix = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    over = [_angle(matrix @ axis.in_sensor, axis.in_link) for axis in axes]
+    over = [angle_between(matrix @ axis.in_sensor, axis.in_link) for axis in axes]
     return _quaternion(Rotation.from_matrix(matrix)), over
 
 
@@ -129,10 +130,6 @@ def _reading(axis: FloatArray, one: FloatArray, two: FloatArray) -> float | None
         if np.linalg.norm(part) < LEAST_LEVER * np.linalg.norm(vector):
             return None
     return math.atan2(float(axis @ np.cross(across[1], across[0])), float(across[0] @ across[1]))
-
-
-def _angle(one: FloatArray, two: FloatArray) -> float:
-    return math.atan2(float(np.linalg.norm(np.cross(one, two))), float(one @ two))
 
 
 def _quaternion(rotation: Rotation) -> Quat:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jointest_ros.core.frame import FloatArray
-from jointest_ros.evaluation.metrics import rms
+from jointest_ros.evaluation.measures import rms
 from jointest_ros.evaluation.panels import Curve, Panel, line
 from jointest_ros.evaluation.picture import PlotError, save
 

@@ -27,7 +27,7 @@ from jointest_ros.evaluation.axis_fit import Axis, AxisFit, spread
 from jointest_ros.evaluation.hinge_equations import Frames, HingeData, frame_of, hinge_data, tilted
 from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.joint_pairs import Pair
-from jointest_ros.evaluation.metrics import rms, rms_length
+from jointest_ros.evaluation.measures import rms, rms_length
 
 _FEWEST = 4  # stretches
 _MOST = 60  # stretches: more take time and tell nothing

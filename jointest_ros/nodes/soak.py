@@ -17,7 +17,7 @@ from jointest_ros.bags import synthetic
 from jointest_ros.bags.ground_truth import TRUTH_JOINTS
 from jointest_ros.benchmark.part import Options, PartResult, Report, ResultTable
 from jointest_ros.config.text import robot_yaml
-from jointest_ros.evaluation.metrics import rms
+from jointest_ros.evaluation.measures import rms
 from jointest_ros.nodes import soak_roles
 from jointest_ros.nodes.bench_processes import Process, namespace, spawn
 from jointest_ros.nodes.soak_roles import FAULT_EVERY, Sent, Taken

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation import jobs
 from jointest_ros.evaluation.jobs import HERE, Workers
+from jointest_ros.evaluation.measures import rmse_deg
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import (
     ANALYTICAL,
@@ -123,12 +124,12 @@ def distributions(
     means = trials.centred_mean(angles)
     margin = (angles.shape[1] - means.shape[1]) // 2
     found = {
-        ("θ", ANALYTICAL): trials.rmse_deg(angles - truth),
-        ("θ", SMOOTHED): trials.rmse_deg(means - truth[margin:-margin]),
+        ("θ", ANALYTICAL): rmse_deg(angles - truth, axis=1),
+        ("θ", SMOOTHED): rmse_deg(means - truth[margin:-margin], axis=1),
     }
     for method in methods:
         states = trials.paper_filter(one, method, one.motion.state[0], 1.0)
-        errors = trials.rmse_deg(trials.state_errors(states, one.motion))
+        errors = rmse_deg(trials.state_errors(states, one.motion), axis=1)
         found |= {(state, method): errors[:, column] for column, state in enumerate(STATES)}
     return found
 

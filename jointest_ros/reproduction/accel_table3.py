@@ -15,6 +15,7 @@ from jointest_ros.core.frame import FloatArray
 from jointest_ros.core.robot import Robot
 from jointest_ros.evaluation import jobs
 from jointest_ros.evaluation.jobs import HERE, Workers
+from jointest_ros.evaluation.measures import rmse_deg
 from jointest_ros.reproduction import accel_trials as trials
 from jointest_ros.reproduction.accel_trials import COLORS, JOINT_EKF, PRINTED_EKF, PRINTED_UKF, SMOOTHED
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
@@ -114,7 +115,7 @@ def errors(settings: Sequence[Setting], seeds: range, duration_s: float) -> Erro
         estimates = [AccelEkf(draw.robot).run(draw.recording).position[:, 0] for draw in one]
         difference[JOINT_EKF] = -np.array(estimates) - truth[number]
         for method, values in difference.items():
-            found[(*setting, method)] = trials.rmse_deg(trials.wrapped(values))
+            found[(*setting, method)] = rmse_deg(trials.wrapped(values), axis=1)
     return found
 
 

@@ -19,6 +19,7 @@ from jointest_ros.core.accel.paper.model import PaperModel, PaperNoise, link_noi
 from jointest_ros.core.accel.paper.trials import run_filter
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.accel_bound import array_information, bound, rms_deg
+from jointest_ros.evaluation.measures import rmse_deg
 from jointest_ros.sim.slider_crank import PERIOD, CrankMotion
 
 ANALYTICAL, SMOOTHED = "analytical", "smoothed, 25 samples"
@@ -111,11 +112,6 @@ def joint_model(one: Case, start: ArrayLike, variance: float = START_VARIANCE, *
 def wrapped(angle: FloatArray) -> FloatArray:
     """In [-pi, pi)."""
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
-
-
-def rmse_deg(error: FloatArray, axis: int | tuple[int, ...] = 1) -> FloatArray:
-    """Root mean square over samples, or samples and trials; deg and deg/s."""
-    return np.asarray(np.degrees(np.sqrt(np.mean(np.square(error), axis=axis))))
 
 
 def state_errors(states: FloatArray, motion: CrankMotion) -> FloatArray:

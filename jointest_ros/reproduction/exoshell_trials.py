@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jointest_ros.core.errors import counted
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.frame import FloatArray, Recording
 from jointest_ros.core.kckf.fusion import FusionParams
@@ -110,11 +111,6 @@ def methods(kinematics: str) -> dict[str, Callable[[Robot], Estimator]]:
     }
 
 
-def rmse_deg(error: FloatArray) -> FloatArray:
-    """Root mean square of the columns of an error (T, ...), rad, in degrees."""
-    return np.asarray(np.degrees(np.sqrt(np.mean(np.square(error), axis=0))))
-
-
 def beside(
     title: str,
     columns: Sequence[str],
@@ -133,4 +129,4 @@ def beside(
 def trials_text(count: int, duration_s: float, seed: int) -> str:
     """The condition on simulated trials."""
     seeds = f"seed {seed}" if count == 1 else f"seeds {seed} to {seed + count - 1}, means of their figures"
-    return f"{count} simulated trial{'s' if count > 1 else ''} of {duration_s:g} s at {RATE_HZ:g} Hz, {seeds}."
+    return f"{counted(count, 'simulated trial')} of {duration_s:g} s at {RATE_HZ:g} Hz, {seeds}."

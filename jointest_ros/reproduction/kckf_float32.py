@@ -12,7 +12,7 @@ from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.kckf import KckfParams
 from jointest_ros.core.kckf.linkage import serial_linkage
 from jointest_ros.evaluation.jobs import HERE, Workers
-from jointest_ros.reproduction import exoshell_trials as trials
+from jointest_ros.evaluation.measures import rmse_deg
 from jointest_ros.reproduction.kckf_steady import LinkageInputs
 from jointest_ros.reproduction.result import Cell, Options, Report, Result, ResultTable
 from jointest_ros.sim import exoshell
@@ -95,7 +95,7 @@ def run(report: Report, options: Options, workers: Workers = HERE) -> Result:
     variances = [np.array(precision.variances) for precision in (double, single)]
     relative = np.abs(variances[1] / variances[0] - 1.0).max(axis=1)
 
-    late = [trials.rmse_deg(np.radians(error[len(error) // 2 :])) for error in errors]
+    late = [rmse_deg(np.radians(error[len(error) // 2 :]), axis=0) for error in errors]
     rows: list[tuple[Cell, ...]] = [
         ("steps", None, total, total),
         ("P stands still after, s", None, _seconds(double), _seconds(single)),

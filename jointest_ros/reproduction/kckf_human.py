@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from jointest_ros.core.frame import FloatArray, Series
 from jointest_ros.evaluation import jobs
 from jointest_ros.evaluation.jobs import HERE, Workers
+from jointest_ros.evaluation.measures import rmse_deg
 from jointest_ros.reproduction import exoshell_trials as trials
 from jointest_ros.reproduction.exoshell_trials import COLORS, OURS, PAPER_KCKF, Trial
 from jointest_ros.reproduction.result import Options, Report, Result
@@ -72,7 +73,7 @@ def _rmse(trial: Trial, series: Series) -> FloatArray:
     truth = Rotation.from_quat(trial.orientation)
     turned = (truth.inv() * Rotation.from_quat(series.torso_orientation)).magnitude()
     about_x = (series.torso - trial.torso)[:, 0]
-    return trials.rmse_deg(np.column_stack([series.position - trial.angles, about_x, turned]))
+    return rmse_deg(np.column_stack([series.position - trial.angles, about_x, turned]), axis=0)
 
 
 def _draw(figure: Figure, trial: Trial, shown: dict[str, Series]) -> None:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from jointest_ros.core.frame import FloatArray, Series
 from jointest_ros.evaluation import jobs
 from jointest_ros.evaluation.jobs import HERE, Workers
+from jointest_ros.evaluation.measures import rmse_deg
 from jointest_ros.reproduction import exoshell_trials as trials
 from jointest_ros.reproduction.exoshell_trials import COLORS, PAPER_KCKF, STANDARD_KF, Trial
 from jointest_ros.reproduction.result import Options, Report, Result
@@ -79,7 +80,7 @@ def _errors(data: str, duration_s: float, seed: int) -> dict[str, FloatArray]:
 def _rmse(trial: Trial, series: Series) -> FloatArray:
     """(6,) deg: four joints, torso about x and y."""
     assert series.torso is not None  # the exoshell is one chain
-    return trials.rmse_deg(np.column_stack([series.position - trial.angles, (series.torso - trial.torso)[:, :2]]))
+    return rmse_deg(np.column_stack([series.position - trial.angles, (series.torso - trial.torso)[:, :2]]), axis=0)
 
 
 def _draw(figure: Figure, ours: dict[str, tuple[float, ...]]) -> None:

@@ -18,7 +18,7 @@ from jointest_ros.core.pcf.pcf import Pcf
 from jointest_ros.core.robot import Robot
 from jointest_ros.evaluation import jobs
 from jointest_ros.evaluation.jobs import HERE, Workers
-from jointest_ros.evaluation.metrics import rms
+from jointest_ros.evaluation.measures import rms
 from jointest_ros.evaluation.posture import Contact, contact_points, fit_circle
 from jointest_ros.reproduction.result import Options, Report, Result, ResultTable
 from jointest_ros.sim.gripper import (

@@ -42,14 +42,16 @@ Message = tuple[str, int, bytes]  # topic, record time ns, bytes
 def state(intake: Intake) -> dict[str, Any]:
     """All that the intake would go on with, and all that it tells, in plain types."""
     assembler = dict(vars(intake.assembler))
-    quality, hall = dict(vars(assembler.pop("quality"))), dict(vars(assembler.pop("_hall")))
+    quality, hall = dict(vars(assembler.pop("quality"))), dict(vars(assembler.pop("hall")))
     frozen = dict(vars(quality.pop("_frozen")))
     frames = [(frame.stamp, frame.gyro, frame.accel) for frame in quality.pop("_frames")]
+    pace = dict(vars(assembler.pop("pace")))
     counts = {topic: intake.counts(topic) for topic in intake.topics}
     sources = assembler.pop("sources")
     mixtures = {name: source.mixture and vars(source.mixture) for name, source in sources.items()}
     counts |= {name: dataclasses.replace(source, mixture=None) for name, source in sources.items()}
-    return assembler | quality | hall | frozen | {"frames of a window": frames, "counts": counts, "mixtures": mixtures}
+    others = {"frames of a window": frames, "counts": counts, "mixtures": mixtures}
+    return assembler | pace | quality | hall | frozen | others
 
 
 def assert_same(one: Recording, other: Recording) -> None:

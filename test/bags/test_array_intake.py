@@ -124,9 +124,7 @@ def test_a_recording_in_a_namespace_and_without_one_of_its_topics(tmp_path: Path
     assert blocks  # of the first one
 
 
-def test_a_recording_that_is_damaged(
-    tmp_path: Path, make_bag: Callable[..., Path], data_file: Callable[[Path], Path], blocks: list[int]
-) -> None:
+def test_a_recording_that_is_damaged(make_bag: Callable[..., Path], data_file: Callable[[Path], Path]) -> None:
     bag = make_bag("mcap", 4000)
     file = data_file(bag)
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])

@@ -166,7 +166,7 @@ def test_a_figure_that_is_no_number_is_told(
 
 
 def test_fail_worse_never_passes_without_a_comparison(
-    jointest: Jointest, finger: Path, finger_yaml: Path, old: Callable[..., Path], tmp_path: Path
+    jointest: Jointest, finger: Path, finger_yaml: Path, old: Callable[..., Path]
 ) -> None:
     """Another estimator, other recordings, none at all: told, since a gate in CI would stay open."""
     against = old(lambda document: document.update(estimators={"kckf": document["estimators"]["pcf"]}))

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kckf_printed import PaperFilter, input_matrix, process_noise
 
 from jointest_ros.core.frame import FloatArray, Recording
 from jointest_ros.core.hall_sensor import HallSensor, SplineCurve
 from jointest_ros.core.kckf.gyro import Gyro, GyroParams
 from jointest_ros.core.kckf.kckf import PAPER, Kckf
 from jointest_ros.core.kckf.kf import Kf
-from jointest_ros.core.kckf.paper_reference import (
-    PaperFilter,
-    input_matrix,
-    measurement,
-    observability_rank,
-    pair_rows,
-    process_noise,
-    transition,
-)
+from jointest_ros.core.kckf.paper_reference import measurement, observability_rank, pair_rows, transition
 from jointest_ros.core.robot import Joint, Robot, Sensor
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

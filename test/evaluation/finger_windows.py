@@ -13,6 +13,7 @@ from jointest_ros.core.rotation import IDENTITY, rotate_inverse
 from jointest_ros.core.stillness import Stillness
 from jointest_ros.evaluation.axis_fit import Axis
 from jointest_ros.evaluation.inertial_windows import WindowMeans, Windows
+from jointest_ros.evaluation.measures import angle_between
 
 
 def unmounted(robot: Robot) -> Robot:
@@ -42,7 +43,7 @@ def tilt(axis: Axis, true: FloatArray) -> FloatArray:
 
 def error_deg(axis: Axis, true: FloatArray) -> float:
     """Angle between an identified and the true axis."""
-    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(axis.axis, true))), float(axis.axis @ true)))
+    return math.degrees(angle_between(axis.axis, true))
 
 
 def true_axis(robot: Robot, sensor: str, joint: int) -> FloatArray:

@@ -16,7 +16,7 @@ from jointest_ros.core.robot import STANDARD_GRAVITY, Sensor
 from jointest_ros.core.rotation import exp
 from jointest_ros.evaluation.accel_calibration import AccelFit, fit_directions, fit_norm
 from jointest_ros.evaluation.accel_poses import AXES, axes_up, find_poses, in_sensor_frame
-from jointest_ros.evaluation.metrics import rms_length
+from jointest_ros.evaluation.measures import rms_length
 from jointest_ros.sim import two_link_arm
 from jointest_ros.sim.imu import GRAVITY
 from jointest_ros.sim.simulated import SimulatedRobot

@@ -157,8 +157,10 @@ def test_killed_and_started_again(hardware: Hardware, launch: Launch, tmp_path: 
     hardware.connect()
     hardware.play([message for message in stream if message[0] >= killed])
     for name in nodes:
-        found = since(hardware.errors(name), killed + SETTLED)
-        assert len(found) > 200
+        heard = hardware.errors(name)
+        begin = min(heard) + SETTLED  # on a busy machine the new process misses the first messages
+        found = since(heard, begin)
+        assert len(found) > 0.9 * (max(heard) - begin) / (10 * MS) > 100
         if name != "gyro":  # begins at zero, wherever the joints are
             assert rms(found) < max(2.0 * rms(free[name]), LEAST), name
     for process, number in zip(nodes.values(), itertools.cycle((signal.SIGINT, signal.SIGTERM)), strict=False):

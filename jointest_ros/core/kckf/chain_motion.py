@@ -15,7 +15,6 @@ gyros which are misaligned by `alignment`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,7 +23,7 @@ import numpy as np
 from jointest_ros.core.frame import FloatArray, Vec3
 from jointest_ros.core.kckf.coupled_filter import CoupledFilter
 from jointest_ros.core.kckf.linkage import Linkage
-from jointest_ros.core.kckf.linkage_rates import JointFrame, secant
+from jointest_ros.core.kckf.linkage_rates import JointFrame
 from jointest_ros.core.rotation import norm
 
 
@@ -80,14 +79,10 @@ class ChainMotion:
         rows: list[float] = []
         slopes: list[float] = []
         for frame, start, parent, child in self._joints:
-            k, e = frame.axes, frame.sign
-            th1 = angles[start]
-            th2 = angles[start + 1] if k > 1 else 0.0
-            th3 = e * angles[start + 2] if k > 2 else 0.0
+            e = frame.sign
+            s1, c1, s2, h, s3, c3 = frame.turn(angles, start)
             px, py, pz = frame.components(true[parent])
             wx, wy, wz = frame.components(true[child])
-            s1, c1, s3, c3 = math.sin(th1), math.cos(th1), math.sin(th3), math.cos(th3)
-            s2, h = math.sin(th2), secant(th2)
             t, eh = h * s2, e * h
             m2, m3 = c1 * py + s1 * pz, c1 * pz - s1 * py
             g1, g2 = c3 * wx - s3 * wy, s3 * wx + c3 * wy

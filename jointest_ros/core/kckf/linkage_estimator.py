@@ -73,13 +73,7 @@ class LinkageEstimator(Estimator):
     def reset(self) -> None:
         """Forget everything of this run."""
         self._bank = self._make_bank()
-        if self._watch is not None:
-            self._watch.restart()
-        for gyros, _ in self._saturation:
-            gyros.time = 0.0
-        self._last: int | None = None
-        if self._gyro_torso is not None:
-            self._gyro_torso.restart()
+        self._restart_beside()
         self._start_warm()
 
     def _start_warm(self) -> None:
@@ -151,11 +145,15 @@ class LinkageEstimator(Estimator):
 
     def _restart(self) -> None:
         self._bank.restart()
+        self._restart_beside()
+
+    def _restart_beside(self) -> None:
+        """All but the bank."""
         if self._watch is not None:
             self._watch.restart()
         for gyros, _ in self._saturation:
             gyros.time = 0.0
-        self._last = None
+        self._last: int | None = None
         if self._gyro_torso is not None:
             self._gyro_torso.restart()
 

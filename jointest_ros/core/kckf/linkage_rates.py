@@ -113,6 +113,13 @@ class JointFrame:
         """Of a vector given in link axes."""
         return a if self.basis is None else (dot(self.basis[0], a), dot(self.basis[1], a), dot(self.basis[2], a))
 
+    def turn(self, angles: Sequence[float], start: int) -> tuple[float, float, float, float, float, float]:
+        """s1, c1, s2, 1 / c2, s3, c3 of the module text; its angles begin at `start`, those it does not have are 0."""
+        th1 = angles[start]
+        th2 = angles[start + 1] if self.axes > 1 else 0.0
+        th3 = self.sign * angles[start + 2] if self.axes > 2 else 0.0
+        return math.sin(th1), math.cos(th1), math.sin(th2), _secant(th2), math.sin(th3), math.cos(th3)
+
     def vectors(self, components: Sequence[float]) -> Sequence[float]:
         """In link axes, of the components of one vector after the other."""
         if self.basis is None:
@@ -139,25 +146,20 @@ class ComposedRates:
         """(m) rad/s; NaN where a gyro is missing."""
         rates: list[float] = []
         for frame, start, parent, child in self._joints:
-            k, e = frame.axes, frame.sign
-            th1 = angles[start]
-            th2 = angles[start + 1] if k > 1 else 0.0
-            th3 = e * angles[start + 2] if k > 2 else 0.0
+            s1, c1, s2, h, s3, c3 = frame.turn(angles, start)
             px, py, pz = frame.components(link_rates[parent])
             wx, wy, wz = frame.components(link_rates[child])
-            s1, c1, s3, c3 = math.sin(th1), math.cos(th1), math.sin(th3), math.cos(th3)
-            s2, h = math.sin(th2), secant(th2)
             m3, g1 = c1 * pz - s1 * py, c3 * wx - s3 * wy
             whole = (
                 h * (g1 + s2 * m3) - px,
                 s3 * wx + c3 * wy - c1 * py - s1 * pz,
-                e * (wz - h * (s2 * g1 + m3)),
+                frame.sign * (wz - h * (s2 * g1 + m3)),
             )
-            rates += whole[:k]
+            rates += whole[: frame.axes]
         return rates
 
 
-def secant(angle: float) -> float:
+def _secant(angle: float) -> float:
     """1 / cos, limited near gimbal lock."""
     cosine = math.cos(angle)
     return 1.0 / (cosine if abs(cosine) > _LEAST_COSINE else math.copysign(_LEAST_COSINE, cosine))

@@ -12,6 +12,7 @@ from jointest_ros.core.pcf.params import PcfParams
 from jointest_ros.core.robot import STANDARD_GRAVITY, Robot, Sensor
 from jointest_ros.evaluation.inspection.findings import Advice
 from jointest_ros.evaluation.inspection.quality import Rest
+from jointest_ros.evaluation.measures import rms
 
 _NOISIER = 2.0  # times the configured figure: less is within what data sheets leave open
 _SHAKEN = 0.05  # of g, rms of the norm about g while the robot moves
@@ -61,7 +62,7 @@ def _short(value: float) -> str:
 def shaking(accel: FloatArray) -> float:
     """rms of the norm of an accelerometer about its median, as a share of g. `accel`: (K, 3) window means, m/s^2."""
     norm = np.linalg.norm(accel[np.isfinite(accel).all(axis=1)], axis=1)
-    return float(np.sqrt(np.mean((norm - np.median(norm)) ** 2))) / STANDARD_GRAVITY if len(norm) else 0.0
+    return rms(norm - np.median(norm)) / STANDARD_GRAVITY if len(norm) else 0.0
 
 
 def pcf_advice(

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
-from jointest_ros.evaluation.inspection.hinges import HingeMotion
+from jointest_ros.evaluation.inspection.hinge_motion import HingeMotion
 from jointest_ros.evaluation.truth import Truth
 
 _LIKE = 0.8  # correlation from which two rates are the same motion

@@ -21,6 +21,7 @@ import numpy as np
 
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.inertial_windows import WindowMeans
+from jointest_ros.evaluation.measures import rms_length
 
 _STEP = 0.3  # s
 _FEWEST = 10  # steps
@@ -141,7 +142,7 @@ def _weights(changes: FloatArray) -> FloatArray:
 def _turned(means: WindowMeans, sensor: str, bias: FloatArray) -> float:
     rate = means.gyro[sensor] - bias
     rate = rate[np.isfinite(rate).all(axis=1)]
-    return float(np.sqrt(np.mean(np.sum(rate**2, axis=1)))) * _STEP if len(rate) else 0.0
+    return rms_length(rate) * _STEP if len(rate) else 0.0
 
 
 def signed_permutations() -> list[FloatArray]:

@@ -16,6 +16,7 @@ from jointest_ros.core.accel.array import JointArrays, array_matrices
 from jointest_ros.core.frame import FloatArray
 from jointest_ros.evaluation.inspection.agreement import signed_permutations
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
+from jointest_ros.evaluation.measures import rms
 
 _FEWEST = 100  # windows
 _MOST = 1000  # windows that are looked at
@@ -70,8 +71,8 @@ def array_motion(arrays: JointArrays, readings: FloatArray) -> ArrayMotion:
     along = np.einsum("nsi,si->ns", readings, normals).mean(axis=0)
     firsts = [0] * len(arrays.parent.sensors) + [len(arrays.parent.sensors)] * len(arrays.child.sensors)
     return ArrayMotion(
-        float(np.sqrt(np.mean(np.concatenate(forces) ** 2))),
-        float(np.sqrt(np.mean((forces[0] - forces[1]) ** 2))),
+        rms(np.concatenate(forces)),
+        rms(forces[0] - forces[1]),
         (squares[0], squares[1]),
         {s.name: float(along[k] - along[firsts[k]]) for k, s in enumerate(arrays.sensors)},
     )

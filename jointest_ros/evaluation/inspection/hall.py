@@ -14,7 +14,8 @@ from jointest_ros.core.robot import Joint, Robot, Sensor
 from jointest_ros.core.rotation import rotate_inverse
 from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
-from jointest_ros.evaluation.inspection.hinges import STILL
+from jointest_ros.evaluation.inspection.hinge_motion import STILL
+from jointest_ros.evaluation.measures import rms
 
 _STEP = 0.2  # s, over which turns are compared
 _FEWEST = 20  # steps
@@ -37,10 +38,7 @@ def joint_turns(robot: Robot, means: WindowMeans, biases: Mapping[str, FloatArra
     windows = max(1, round(_STEP / means.length))
     number = len(means.start) // windows
     turns = {}
-    for joint in robot.joints:
-        pair = gyro_pair(robot, joint)
-        if len(joint.axes) > 1 or pair is None or any(sensor.name not in means.gyro for sensor in pair):
-            continue
+    for joint, pair in _gyro_hinges(robot, means):
         rate = np.zeros(len(means.start))
         for sensor, sign in zip(pair, (-1.0, 1.0), strict=True):
             axis = np.array(rotate_inverse(sensor.mounting, joint.axes[0]))
@@ -49,10 +47,12 @@ def joint_turns(robot: Robot, means: WindowMeans, biases: Mapping[str, FloatArra
     return Turns(means.start[: number * windows : windows], turns)
 
 
-def gyro_pair(robot: Robot, joint: Joint) -> tuple[Sensor, Sensor] | None:
-    """The first gyros on either side of a joint."""
-    one, two = (next((s for s in robot.sensors_on(link) if s.gyro), None) for link in (joint.parent, joint.child))
-    return None if one is None or two is None else (one, two)
+def _gyro_hinges(robot: Robot, means: WindowMeans) -> Iterator[tuple[Joint, tuple[Sensor, Sensor]]]:
+    """The hinges with the first gyro on either side, where both gave something."""
+    for joint in robot.joints:
+        one, two = (next((s for s in robot.sensors_on(link) if s.gyro), None) for link in (joint.parent, joint.child))
+        if len(joint.axes) == 1 and one and two and one.name in means.gyro and two.name in means.gyro:
+            yield joint, (one, two)
 
 
 def hall_findings(robot: Robot, stamps: NDArray[np.int64], volts: FloatArray, turns: Turns) -> Iterator[Finding]:
@@ -137,10 +137,7 @@ def _smoothed(values: FloatArray, usable: NDArray[np.bool_], length: int) -> Flo
 
 def gyro_findings(robot: Robot, means: WindowMeans, biases: Mapping[str, FloatArray]) -> Iterator[Finding]:
     """Hinges between gyros alone: what turns across the axis must be as long on both sides."""
-    for joint in robot.joints:
-        pair = gyro_pair(robot, joint)
-        if len(joint.axes) > 1 or pair is None or any(sensor.name not in means.gyro for sensor in pair):
-            continue
+    for joint, pair in _gyro_hinges(robot, means):
         lengths, rates = [], []
         for sensor in pair:
             axis = np.array(rotate_inverse(sensor.mounting, joint.axes[0]))
@@ -156,7 +153,7 @@ def gyro_findings(robot: Robot, means: WindowMeans, biases: Mapping[str, FloatAr
             text = f"it hardly moves ({math.degrees(moved):.1f} deg/s rms): axis, signs and mountings are not judged"
             yield Finding(LOOK, joint.name, "motion", text, "bend it through its whole range in another recording")
             continue
-        left = math.sqrt(float(np.mean((one - two) ** 2)))
+        left = rms(one - two)
         whole_rate = math.sqrt(float(np.mean(one**2 + two**2))) + moved
         if left > 0.25 * whole_rate and left > 2.0 * STILL:
             names = " and ".join(f"'{sensor.name}'" for sensor in pair)

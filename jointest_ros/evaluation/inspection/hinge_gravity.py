@@ -9,7 +9,8 @@ import numpy as np
 
 from jointest_ros.core.pcf.pair_checks import TILT_LIMIT
 from jointest_ros.evaluation.inspection.findings import LOOK, WRONG, Finding
-from jointest_ros.evaluation.inspection.hinges import FAR, HingeMotion, deg
+from jointest_ros.evaluation.inspection.hinge_motion import HingeMotion
+from jointest_ros.evaluation.inspection.hinges import FAR, deg
 
 
 def tilt_finding(motion: HingeMotion) -> Iterator[Finding]:

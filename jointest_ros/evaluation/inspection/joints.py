@@ -10,15 +10,17 @@ import numpy as np
 
 from jointest_ros.core.accel.array import joint_arrays
 from jointest_ros.core.errors import ConfigurationError
-from jointest_ros.core.frame import FloatArray, Vec3
+from jointest_ros.core.frame import FloatArray, Vec3, vec3
 from jointest_ros.core.robot import Robot
 from jointest_ros.core.rotation import rotate
 from jointest_ros.evaluation.inertial_windows import StillPhase, WindowMeans
 from jointest_ros.evaluation.inspection import against_truth, arrays, bodies, hall, hinge_gravity, hinges, two_axes
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
 from jointest_ros.evaluation.inspection.grid import Phase, rate_time, rows_of
+from jointest_ros.evaluation.inspection.hinge_motion import HingeMotion, hinge_motion
 from jointest_ros.evaluation.inspection.sensors import SensorReport
 from jointest_ros.evaluation.joint_pairs import Pair, hinge_pairs
+from jointest_ros.evaluation.measures import angle_between
 from jointest_ros.evaluation.mounting_fit import reading
 from jointest_ros.evaluation.truth import Truth
 
@@ -37,7 +39,7 @@ class JointReport:
     """
 
     name: str
-    motion: hinges.HingeMotion
+    motion: HingeMotion
     off_deg: tuple[float, float]
     zero_deg: float
 
@@ -55,8 +57,7 @@ def with_still(means: WindowMeans, reports: Mapping[str, SensorReport], phases: 
 
 
 def _mean(rows: FloatArray) -> Vec3:
-    x, y, z = rows.mean(axis=0).tolist()
-    return x, y, z
+    return vec3(rows.mean(axis=0))
 
 
 def biases(reports: Mapping[str, SensorReport]) -> dict[str, FloatArray]:
@@ -96,12 +97,12 @@ class Joints:
             pairs, _ = hinge_pairs(robot)
         except ConfigurationError:  # no hinge between IMUs
             pairs = []
-        self._motions: dict[str, hinges.HingeMotion] = {}
+        self._motions: dict[str, HingeMotion] = {}
         self._brief: list[str] = []  # hinges whose sensors gave too little together
         for pair in pairs:
             if lacking := [sensor.name for sensor in pair.sensors if sensor.name not in usable]:
                 self.unjudged[pair.joint.name] = lacking
-            elif (motion := hinges.hinge_motion(means, pair, self._biases)) is not None:
+            elif (motion := hinge_motion(means, pair, self._biases)) is not None:
                 self._motions[pair.joint.name] = motion
             else:
                 self._brief.append(pair.joint.name)
@@ -162,10 +163,10 @@ class Joints:
     def _exchanged(self) -> tuple[str, str] | None:
         """Two sensors that are taken for each other."""
 
-        def others(one: str, two: str) -> dict[str, hinges.HingeMotion] | None:
+        def others(one: str, two: str) -> dict[str, HingeMotion] | None:
             found = {}
             for name, pair in self._pairs.items():
-                motion = hinges.hinge_motion(self._means, hinges.exchanged(pair, one, two), self._biases)
+                motion = hinge_motion(self._means, hinges.exchanged(pair, one, two), self._biases)
                 if motion is None:
                     return None
                 found[name] = motion
@@ -177,7 +178,7 @@ class Joints:
             return against_truth.exchanged_by_truth(self._motions, others, self._truth, *self._when)
         return None
 
-    def _gravity(self, motion: hinges.HingeMotion, fits: bool) -> Iterator[Finding]:
+    def _gravity(self, motion: HingeMotion, fits: bool) -> Iterator[Finding]:
         """Tilt, limits, zero. Where the axis does not fit (False), the tilt says it once more."""
         if fits or not motion.moves:
             yield from hinge_gravity.tilt_finding(motion)
@@ -199,11 +200,11 @@ class Joints:
 
     def _zero_findings(self, pair: Pair, start: Phase) -> Iterator[Finding]:
         """In the zero pose the link frames coincide, so both sensors must see the vertical in the same direction."""
-        ups = [
+        up, child_up = (
             np.array(rotate(sensor.mounting, accel))
             for sensor, accel in zip(pair.sensors, self._at_rest(pair, start), strict=True)
-        ]
-        apart = math.atan2(float(np.linalg.norm(np.cross(ups[0], ups[1]))), float(ups[0] @ ups[1]))
+        )
+        apart = angle_between(up, child_up)
         if apart > _APART:
             one, two = (sensor.name for sensor in pair.sensors)
             where = "in the pose that becomes zero"

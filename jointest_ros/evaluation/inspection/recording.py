@@ -20,7 +20,7 @@ from jointest_ros.evaluation.inspection import hall
 from jointest_ros.evaluation.inspection.advice import noise_advice, pcf_advice, shaking
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Advice, Finding
 from jointest_ros.evaluation.inspection.grid import common_phases
-from jointest_ros.evaluation.inspection.hinges import STILL
+from jointest_ros.evaluation.inspection.hinge_motion import STILL
 from jointest_ros.evaluation.inspection.joints import JointReport, Joints, biases, with_still
 from jointest_ros.evaluation.inspection.magnetometers import field_findings
 from jointest_ros.evaluation.inspection.sensors import (

@@ -22,9 +22,9 @@ from jointest_ros.evaluation.inertial_windows import WindowMeans
 from jointest_ros.evaluation.inspection.agreement import signed_permutations
 from jointest_ros.evaluation.inspection.bodies import turn_as_one
 from jointest_ros.evaluation.inspection.findings import LOOK, OK, WRONG, Finding
-from jointest_ros.evaluation.inspection.hinges import STILL
+from jointest_ros.evaluation.inspection.hinge_motion import STILL
 from jointest_ros.evaluation.joint_pairs import Pair, imu_on
-from jointest_ros.evaluation.metrics import rms
+from jointest_ros.evaluation.measures import rms
 
 _QUIET = 0.05  # of g, by which the norm of an accelerometer may differ where it tells the vertical
 _FEWEST, _MOST = 100, 3000  # windows

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from jointest_ros.core.errors import counted
 from jointest_ros.evaluation.peers import PREFIX
 
 Level = Literal["good", "attention", "bad", "plain"]
@@ -140,7 +141,7 @@ def _input(inputs: Mapping[str, Any], findings: list[str], damage: str) -> State
     if spoilt:
         text += f"; many are refused of {', '.join(spoilt)}"
     if findings:
-        text += f"; {len(findings)} finding{'s' if len(findings) > 1 else ''}, see below"
+        text += f"; {counted(len(findings), 'finding')}, see below"
     else:
         text += "; nothing else was found"
     return Statement("Input", "attention" if spoilt or findings or not messages else "good", share, text)
