@@ -94,7 +94,11 @@ class LiveWriter:
             raise BagError(f"{path}: exists already; remove it or choose another name") from None
         except OSError as error:
             raise self._failure(error) from None
-        self._append(mcap_records.header())
+        try:
+            self._append(mcap_records.header())
+        except BagError:
+            self.discard()  # it can be tried again under this name
+            raise
 
     def add_topic(self, topic: str, msgtype: str, best_effort: bool) -> None:
         """Declare a topic before its first message.

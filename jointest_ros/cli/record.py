@@ -98,8 +98,9 @@ class _Report:
         if self._seconds >= _SILENT:
             silent = [topic for topic in self._expected if not recorder.received.get(topic)]
             troubles |= {f"silent {topic}": recorder.silent(topic) for topic in silent}
-        for key in troubles.keys() - self._told:
-            warn(troubles[key])
+        for key, text in troubles.items():
+            if key not in self._told:
+                warn(text)
         self._told |= troubles.keys()
 
     def finish(self, recorder: Recorder) -> int:

@@ -14,7 +14,7 @@ from jointest_ros.evaluation.panels import Curve, Panel, line
 from jointest_ros.evaluation.picture import PlotError, save
 
 SUFFIXES = (".png", ".svg", ".pdf")
-_ROWS = 4  # panels in one column
+_ROWS, _COLUMNS = 4, 3  # panels in one column, and columns; more panels make columns longer
 _WIDTH, _HEIGHT = 10.0, 3.2  # inches, of one panel
 
 
@@ -35,7 +35,7 @@ def draw(path: Path, title: str, shown: list[Panel]) -> None:
         raise PlotError(f"{path}: nothing to draw: no estimate matches a ground truth")
     from matplotlib.figure import Figure  # takes longer to load than many a command to run
 
-    columns = -(-len(shown) // _ROWS)
+    columns = min(-(-len(shown) // _ROWS), _COLUMNS)
     rows = -(-len(shown) // columns)
     names = list(dict.fromkeys(name for panel in shown for name in panel.curves))
     colours = {name: f"C{number}" for number, name in enumerate(names)}

@@ -17,6 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from jointest_ros.bags.errors import BagError
 from jointest_ros.bags.live_writer import LiveWriter
@@ -72,6 +73,7 @@ class Recorder(Node):
 
     Raises:
         BagError: the target exists or cannot be written.
+        ConfigurationError: a topic has a name that ROS does not allow.
     """
 
     def __init__(
@@ -92,6 +94,8 @@ class Recorder(Node):
         self._end = threading.Event()
         self._epoch = time.time_ns() - time.monotonic_ns()  # a clock that is set meanwhile changes no order
         with construction(self):
+            for topic in wanted.topics:
+                validate_full_topic_name(topic)
             self.writer = LiveWriter(path)
             try:
                 for topic, msgtype in wanted.inputs.items():

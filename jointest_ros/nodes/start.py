@@ -11,6 +11,15 @@ from jointest_ros.interruption import ended_by
 
 
 def main() -> int:
-    """Run the node after which this executable is named; its exit code."""
+    """Run the node after which this executable is named; its exit code, 2 where ROS 2 is not installed."""
+    name = Path(sys.argv[0]).stem
     with ended_by(signal.SIGINT, signal.SIGTERM):  # until the node handles signals itself
-        return int(import_module(f"jointest_ros.nodes.{Path(sys.argv[0]).stem}").main())
+        from jointest_ros.nodes.at_hand import NoRosError, ros_at_hand
+
+        try:
+            with ros_at_hand():
+                node = import_module(f"jointest_ros.nodes.{name}")
+        except NoRosError as error:
+            print(f"{name}: error: {error}", file=sys.stderr)
+            return 2
+        return int(node.main())

@@ -209,6 +209,19 @@ def test_wherever_the_disk_is_full_what_fits_is_a_sound_recording(tmp_path: Path
     assert len(kept) > 25
 
 
+def test_no_room_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is left behind that would keep the next try from this name."""
+
+    def fail(writer: LiveWriter, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as full, pytest.raises(BagError, match="cannot be written: No space left on device"):
+        full.setattr(LiveWriter, "_write", fail)
+        LiveWriter(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+    LiveWriter(tmp_path / "run").close()
+
+
 def test_no_room_for_metadata(tmp_path: Path, samples: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
     """The file of metadata needs room too: the last chunk makes it."""
     expected = list(samples(4 * CHUNK))

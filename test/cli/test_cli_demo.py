@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,17 @@ def test_without_ros_it_says_what_to_do(jointest: Jointest, finger: Path, finger
         text = jointest("demo", *arguments).refusal()
         assert text.startswith("ROS 2 is not at hand (")
         assert text.endswith("source your ROS 2 installation, or pip install 'jointest_ros[ros]'")
+
+
+@pytest.mark.usefixtures("no_ros")
+@pytest.mark.parametrize("node", ["pcf_node", "sim_hardware_node"])
+def test_without_ros_a_node_says_so_too(
+    node: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [f"bin/{node}"])
+    assert import_module("jointest_ros.nodes.start").main() == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{node}: error: ROS 2 is not at hand (")
 
 
 @pytest.mark.usefixtures("no_ros")

@@ -227,6 +227,21 @@ def test_no_ground_truth(jointest: Jointest, finger: Path, finger_yaml: Path, tm
     assert text.startswith(f"{bag}: no ground truth (topics ground_truth/joint_states, ground_truth/imu_orientation)")
 
 
+@pytest.mark.parametrize(("at", "asked", "hint"), [("/left", "", "/left"), ("", "/left", "/")])
+def test_a_ground_truth_in_another_namespace_is_pointed_at(
+    at: str, asked: str, hint: str, jointest: Jointest, finger: Path, finger_yaml: Path, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    with BagReader(finger) as reader, BagWriter(bag) as writer:
+        for topic, msgtype in reader.topics.items():
+            writer.add_topic(f"{at}{topic}", msgtype)
+        for topic, time, data in reader.messages():
+            writer.write(f"{at}{topic}", time, data)
+    text = jointest("evaluate", bag, "-c", finger_yaml, "--namespace", asked).refusal()
+    assert text.endswith(f"; it has one with --namespace {hint}")
+    assert jointest("evaluate", bag, "-c", finger_yaml, "--namespace", hint).code == 0
+
+
 def test_a_ground_truth_of_something_else(jointest: Jointest, finger: Path, finger_yaml: Path, tmp_path: Path) -> None:
     knee = JointStateEncoder(["knee"])
 

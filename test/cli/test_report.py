@@ -102,7 +102,9 @@ def test_sections_and_their_plots_are_there(report: Report) -> None:
     sections = {"comparison", "joints", "velocities", "torso", "consistency", "input", "configuration"}
     assert sections <= report.page.ids
     links = {value[1:] for tag, name, value in report.page.attributes if (tag, name) == ("a", "href")}
-    assert links == sections
+    joints = {f"{kind}-joint_{number}" for kind in ("angle", "velocity") for number in range(1, 5)}
+    assert links == sections | joints
+    assert joints <= report.page.ids
     figures = json.loads(report.page.data["figures"])
     assert set(figures) <= report.page.ids
     assert {"comparison-bars", "angle-joint_1", "distribution-joint_4", "nis", "nees", "intervals"} <= set(figures)
@@ -225,6 +227,14 @@ def test_a_folder_that_cannot_be_made(jointest: Jointest, finger: Path, finger_y
         result = jointest("evaluate", finger, "-c", finger_yaml, "--report", target)
         assert result.refusal().startswith(f"{target}: cannot be made: ")
         assert result.out == ""
+
+
+@pytest.mark.parametrize("options", [("--namespace", "/nowhere"), ("--smooth",)])
+def test_a_refusal_leaves_no_folder(
+    options: tuple[str, ...], jointest: Jointest, finger: Path, finger_yaml: Path, tmp_path: Path
+) -> None:
+    jointest("evaluate", finger, "-c", finger_yaml, "--report", tmp_path / "out", *options).refusal()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_damaged_recording_is_called_so(jointest: Jointest, damaged: Path, finger_yaml: Path, tmp_path: Path) -> None:

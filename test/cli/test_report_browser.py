@@ -99,6 +99,30 @@ def test_what_a_legend_hides_is_hidden_everywhere_and_the_error_axis_follows(ope
     assert opened.until(hidden) == 2
 
 
+def test_the_buttons_of_a_plot_cover_no_entry_of_its_legend(opened: Browser) -> None:
+    show(opened, "angle-joint_1")
+    places = opened.run(
+        "const plot = document.getElementById('angle-joint_1');"
+        "return ['.legend', '.modebar-group'].map((one) => plot.querySelector(one).getBoundingClientRect())"
+        ".map((box) => [box.top, box.bottom, box.left, box.right])"
+    )
+    (legend_top, *_), (_, bottom, left, right) = places
+    assert bottom <= legend_top
+    title = opened.run(
+        "const box = document.createRange();"
+        "box.selectNodeContents(document.getElementById('angle-joint_1').previousElementSibling);"
+        "return box.getBoundingClientRect().right"
+    )
+    assert title < left < right
+
+
+def test_a_joint_in_the_table_leads_to_its_plot(opened: Browser) -> None:
+    opened.run("document.querySelector('#errors-joints a[href$=joint_3]').click()")
+    top = "const box = document.getElementById('angle-joint_3').getBoundingClientRect();"
+    opened.until(top + "return box.top > 0 && box.top < 300")
+    opened.until("return document.getElementById('angle-joint_3').querySelector('.main-svg') !== null")
+
+
 def test_colours_follow_the_reader(opened: Browser) -> None:
     show(opened, "angle-joint_1")
     back = "document.getElementById('angle-joint_1')._fullLayout.paper_bgcolor"

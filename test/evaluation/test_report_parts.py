@@ -73,12 +73,18 @@ def test_inclinations_count_where_there_is_no_joint() -> None:
 
 @pytest.mark.parametrize(
     ("nees", "level", "words"),
-    [(1.0, "good", "as large as it states"), (9.0, "attention", "3 times"), (0.04, "attention", "0.2 times")],
+    [
+        (1.0, "good", "as large as it states"),
+        (9.0, "attention", "3 times"),
+        (0.04, "attention", "0.2 times"),
+        (14400.0, "attention", "120 times"),
+    ],
 )
 def test_consistency_in_words(nees: float, level: str, words: str) -> None:
     cards = {card.title: card for card in statements(document(pcf=estimator(nees, a=judged(1.0))), [], "")}
     assert cards["Consistency"].level == level
     assert words in cards["Consistency"].text
+    assert cards["Consistency"].figure == f"NEES {nees:g}"
 
 
 def test_a_peer_that_is_nearer_is_named_first_but_not_judged() -> None:

@@ -207,6 +207,11 @@ def test_names_of_attributes_are_not_those_of_rclpy(bench: Bench, record: Record
         (("--duration", "-1"), "--duration: -1 is not allowed; give seconds, or 0 for no end"),
         (("--output", "{taken}"), "{taken}: exists already; remove it or choose another name"),
         (("--config", "nowhere.yaml"), "nowhere.yaml: no such configuration file"),
+        (
+            ("--topics", "a topic"),
+            "'/a topic': Invalid topic name: topic name must not contain characters other than alphanumerics, '_', "
+            "or '/'",
+        ),
     ],
 )
 def test_mistakes(

@@ -26,6 +26,7 @@ _POINTS = 200_000  # in all lines of a page: a few megabytes
 _FEWEST, _MOST = 200, 4000  # stretches of a line
 _BINS = 60
 _DIGITS = 4  # of the range of an axis that its numbers are written with: finer than a screen
+_LEVEL = 12  # bars with figures side by side; of more the figures stand upright, or they touch
 _ROW, _ONE_ROW, _EDGE = 190, 250, 95  # pixels: a row of several, the only row, title and axis
 
 
@@ -115,6 +116,7 @@ def comparison_figure(bars: Mapping[str, Mapping[str, float]], colours: Colours,
     """Bars: estimator -> joint -> rms error."""
     places = list(dict.fromkeys(joint for one in bars.values() for joint in one))
     labelled = len(places) * len(bars) <= 40
+    upright = len(bars) > 1 and len(places) * len(bars) > _LEVEL
     traces = [
         {
             "type": "bar",
@@ -123,6 +125,7 @@ def comparison_figure(bars: Mapping[str, Mapping[str, float]], colours: Colours,
             "y": [float(f"{value:.4g}") for value in one.values()],
             "text": [f"{value:.3g}" for value in one.values()] if labelled else None,
             "textposition": "outside",
+            "textangle": -90 if upright else 0,
             "cliponaxis": False,
             "hovertemplate": f"%{{x}}: %{{y:.4g}} {unit}",
         }
@@ -131,6 +134,7 @@ def comparison_figure(bars: Mapping[str, Mapping[str, float]], colours: Colours,
     layout = {
         "height": 320,
         "barmode": "group",
+        "legend": {"orientation": "h", "x": 0, "y": 1.12 if upright else 1, "yanchor": "bottom"},
         "bargap": 0.25 if len(places) * len(bars) > 8 else 0.6,
         "hovermode": "closest",
         "xaxis": {"type": "category", "categoryorder": "array", "categoryarray": places},

@@ -140,7 +140,8 @@ class Page:
             for name, curve in panel.curves.items()
             if curve.spread is not None
         }
-        parts = [tables.errors(self.estimators, "joints", within), self._thinning()]
+        plots = {panel.name: f"angle-{panel.name}" for panel in self.joints}
+        parts = [tables.errors(self.estimators, "joints", within, plots), self._thinning()]
         for panel in self.joints:
             parts.append(
                 self._plot(
@@ -165,7 +166,8 @@ class Page:
     def _velocities(self) -> str:
         if not self.velocities:
             return ""
-        parts = [tables.errors(self.estimators, "velocities")]
+        plots = {panel.name: f"velocity-{panel.name}" for panel in self.velocities}
+        parts = [tables.errors(self.estimators, "velocities", plots=plots)]
         for panel in self.velocities:
             figure = figures.joint_figure(panel, self.colours, self.parts, "deg/s")
             text = "Above: the velocity in degrees per second beside the truth (grey). Below: estimate minus truth."

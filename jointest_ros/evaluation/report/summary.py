@@ -119,15 +119,21 @@ def _consistency(name: str, figures: Mapping[str, Any]) -> Statement:
     if nees is None:
         return Statement("Consistency", "plain", "-", f"{name} states no variance that could be judged")
     factor = math.sqrt(nees)
+    shown = f"NEES {_rounded(nees, 3)}"
     if nees > CONSISTENT[1]:
-        text = f"{name} is surer than it may be: its errors are {factor:.2g} times what it states"
-        return Statement("Consistency", "attention", f"NEES {nees:.3g}", text)
+        text = f"{name} is surer than it may be: its errors are {_rounded(factor, 2)} times what it states"
+        return Statement("Consistency", "attention", shown, text)
     if nees < CONSISTENT[0]:
-        text = f"{name} is better than it states: its errors are {factor:.2g} times the stated ones"
-        return Statement("Consistency", "attention", f"NEES {nees:.3g}", text)
+        text = f"{name} is better than it states: its errors are {_rounded(factor, 2)} times the stated ones"
+        return Statement("Consistency", "attention", shown, text)
     low, high = CONSISTENT
     text = f"the errors of {name} are as large as it states (a NEES of {low:g} to {high:g} counts as that)"
-    return Statement("Consistency", "good", f"NEES {nees:.3g}", text)
+    return Statement("Consistency", "good", shown, text)
+
+
+def _rounded(value: float, digits: int) -> str:
+    """To so many digits, but all before the point: no exponent however large."""
+    return f"{value:.{digits}g}" if value < 10.0**digits - 0.5 else f"{value:.0f}"
 
 
 def _input(inputs: Mapping[str, Any], findings: list[str], damage: str) -> Statement:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -19,8 +21,18 @@ from jointest_ros.evaluation.report.summary import overall, ranking
 Within = Mapping[tuple[str, str], float]  # (estimator, joint) -> share
 
 
-def errors(estimators: Mapping[str, Any], kind: str, within: Within | None = None) -> str:
-    """Error figures of one of `KINDS`; `within`: share of the errors within two reported standard deviations."""
+def errors(
+    estimators: Mapping[str, Any],
+    kind: str,
+    within: Within | None = None,
+    plots: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Error figures of one of `KINDS`.
+
+    Args:
+        within: share of the errors within two reported standard deviations.
+        plots: joint -> place of its plot, to which its rows lead.
+    """
     tables = {name: rows_of(figures, kind) for name, figures in estimators.items()}
     smallest: dict[str, float] = {}
     for one in tables.values():
@@ -35,7 +47,8 @@ def errors(estimators: Mapping[str, Any], kind: str, within: Within | None = Non
                 best = several and figures["rmse_deg"] == smallest.get(part)
                 cells = [Cell(_three(figures[key]), best and key == "rmse_deg") for key in FIGURES]
                 shares = [Cell(_percent(within.get((name, part))))] if within is not None else []
-                yield [name, part, *cells, *shares, Cell(str(figures["samples"])), Cell(_percent(figures["coverage"]))]
+                place = Link(part, f"#{quote(plots[part])}") if part in plots else part
+                yield [name, place, *cells, *shares, Cell(str(figures["samples"])), Cell(_percent(figures["coverage"]))]
 
     band = ["in ±2 std (95 %)"] if within is not None else []
     headings = ["estimator", "of", *FIGURES.values(), *band, "samples", "matched"]
